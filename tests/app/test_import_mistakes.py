@@ -135,3 +135,17 @@ def test_what_is_so_in_several_files_is_said_once(run: Run, tmp_path: Path):
     said = run("import", *paths, *given).stdout
     assert said.count("the thermometer never moves") == 1
     assert "look at: cell_1, cell_2, cell_3: cell_temperature_degC is 25 in all 40 readings" in said
+
+
+def test_what_differs_in_its_numbers_alone_is_said_once(run: Run, tmp_path: Path):
+    paths = several(tmp_path)
+    for number, path in enumerate(paths, start=1):
+        lines = path.read_text().splitlines()
+        warm = [f"{line},{20 + number}" for line in lines[1:]]
+        path.write_text("\n".join([lines[0] + ",temperature_degC", *warm]))
+    given = ("--kind", "cell", "--answer-only", "--out", tmp_path / "case")
+    said = run("import", *paths, *given).stdout
+    assert said.count("the thermometer never moves") == 1
+    assert "cell_1, cell_2, cell_3: cell_temperature_degC is 21 in all 40 readings" in said
+    assert "The numbers are those of cell_1; import.json has all." in said
+    assert "cell_temperature_degC is 23" in (tmp_path / "case" / "import.json").read_text(encoding="utf-8")

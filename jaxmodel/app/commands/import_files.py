@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,17 +13,11 @@ from jaxmodel.app import terminal
 from jaxmodel.app.folders import take
 from jaxmodel.base.errors import MeasurementError, UserError, nearest
 from jaxmodel.case.measurements import KINDS
-from jaxmodel.data.importing import Imported, Options, Question, import_case
+from jaxmodel.data.importing import Imported, Question, import_case
 from jaxmodel.data.importing.imported import shortened
+from jaxmodel.data.importing.written import options_of
 
 _MOST_DECISIONS, _MOST_FINDINGS = 40, 40
-_FORMS = {
-    "column": 'NAME="COLUMN"',
-    "unit": "COLUMN=UNIT",
-    "specimen": "NAME=PATTERN",
-    "load": "LAW:NAME=VALUE,NAME=VALUE",
-    "controller": "position:NAME=VALUE,NAME=VALUE",
-}
 
 
 def import_files(
@@ -31,9 +25,6 @@ def import_files(
     kind: str,
     out: Path,
     *,
-    pairs: Mapping[str, Sequence[str]],
-    load: str | None = None,
-    controller: str | None = None,
     answer_only: bool = False,
     force: bool = False,
     **decisions: Any,
@@ -44,33 +35,16 @@ def import_files(
         files: as `jaxmodel.data.importing.import_case` takes them; a folder stands for all its files.
         kind: of the case.
         out: folder of the case.
-        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`, `specimen`.
-        load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
-        controller: "position" or "speed" with its gains, as "position:k_p=40,k_d=0.2,limit=10".
         answer_only: leaves out the pictures.
         force: writes over a case that was edited since it was imported.
-        decisions: other fields of `jaxmodel.data.importing.Options`.
+        decisions: fields of `jaxmodel.data.importing.Options`, as `jaxmodel.data.importing.written` takes them.
 
     Raises:
         UserError: a file cannot be used, or something is open and nobody is there to be asked.
     """
     if kind not in KINDS:
         raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
-    law, of_law = _with_numbers(load, "load")
-    loop, gains = _with_numbers(controller, "controller")
-    options = Options(
-        load=law,
-        load_numbers=of_law,
-        controller=loop,
-        controller_numbers=gains,
-        columns=_pairs(pairs["column"], "column"),
-        units=_pairs(pairs["unit"], "unit"),
-        specimens=_pairs(pairs.get("specimen", ()), "specimen"),
-        constants={
-            name: _number(value, f"--constant {name}") for name, value in _pairs(pairs["constant"], "constant").items()
-        },
-        **decisions,
-    )
+    options = options_of(decisions)
     paths = files_of(files, out)
     take(out)
     ask = _ask if sys.stdin.isatty() and sys.stderr.isatty() else None
@@ -117,40 +91,6 @@ def files_of(files: Sequence[Path], out: Path) -> list[Path]:
     if any(file.resolve().parent == out.resolve() for file in found):
         raise MeasurementError(f"--out {out}: the files to be imported are in this folder; give another one.")
     return found
-
-
-def _pairs(texts: Sequence[str], option: str) -> dict[str, str]:
-    """Return NAME=VALUE as names with values.
-
-    Raises:
-        MeasurementError: one is not of that form, or a name is given twice.
-    """
-    found: dict[str, str] = {}
-    for text in texts:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if not equals or not name:
-            raise MeasurementError(f"--{option} {text}: give {_FORMS.get(option, 'NAME=VALUE')}.")
-        if name in found:
-            other = "; a pattern such as 'm[12]_*' is of several files" if option == "specimen" else ""
-            raise MeasurementError(f"--{option}: {name} is given twice{other}; keep one of them.")
-        found[name] = value.strip("\"'")
-    return found
-
-
-def _with_numbers(text: str | None, option: str) -> tuple[str | None, dict[str, float]]:
-    """Return the name and the numbers of 'gravity:mass_kg=0.5,arm_m=0.1'; None for none."""
-    if text is None:
-        return None, {}
-    name, _, numbers = text.partition(":")
-    pairs = _pairs([one for one in numbers.split(",") if one.strip()], option)
-    return name.strip(), {key: _number(value, f"--{option} {key}") for key, value in pairs.items()}
-
-
-def _number(text: str, option: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise MeasurementError(f"{option}: '{text}' is not a number; correct it.") from None
 
 
 def _ask(question: Question) -> str:

@@ -449,7 +449,8 @@ def _of_preset(preset: str | None) -> charge.Stated | None:
 def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options) -> list[Finding | Decision]:
     if capacity is None:
         return []
-    value = f"{capacity.value:.4g} ± {capacity.sd:.{2 if capacity.sd < 99.5 else 3}g} A h"
+    sd = capacity.sd or 0.0
+    value = f"{capacity.value:.4g} ± {sd:.{2 if sd < 99.5 else 3}g} A h"
     source = "user" if options.capacity_Ah is not None else "file" if full else "assumed"
     about: list[Finding | Decision] = [Decision("capacity_Ah", "", value, capacity.why, source)]
     if not full and _of_preset(options.preset) is None:
