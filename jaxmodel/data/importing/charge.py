@@ -298,9 +298,13 @@ def _guess(found: Sequence[Count]) -> Stated:
     )
     if one is None or moved <= 0.0:
         return Stated(5.2, 5.2, "no charge was moved; that of the paper's cell is assumed")
-    quiet = one.run.columns["voltage_V"][one.resting & np.isfinite(one.run.columns["voltage_V"])]
+    voltage = one.run.columns["voltage_V"]
+    quiet, loaded = voltage[one.resting & np.isfinite(voltage)], voltage[~one.resting & np.isfinite(voltage)]
     swing = 0.0 if np.isnan(one.below_full_V) or not quiet.size else float(np.ptp(quiet[[0, -1]]))
-    pulse = moved < _PULSE_H * one.rate_A or (quiet.size > 1 and swing and swing < _PULSE_V)
+    how = "its resting voltage changes"
+    if not swing and loaded.size and not one.flat:  # it never rests
+        swing, how = float(np.ptp(np.quantile(loaded, [0.02, 0.98]))), "its voltage changes under load"
+    pulse = moved < _PULSE_H * one.rate_A or 0.0 < swing < _PULSE_V
     if one.flat and not pulse:
         value = max(2.0 * moved, one.rate_A)
         why = f"the plateau of the voltage does not tell it: {_in_words(moved)} is the least"
@@ -311,7 +315,7 @@ def _guess(found: Sequence[Count]) -> Stated:
     why = f"a pulse of {_in_words(moved)} does not tell the capacity"
     if swing > 1e-3:  # layered oxides lose about 1 V per unit of SOC, the plateau of another cell far less
         value = min(moved / swing, max(_LARGEST_GUESS_AH, moved))
-        return Stated(value, value, f"{why}; assumed by how its resting voltage changes")
+        return Stated(value, value, f"{why}; assumed by how {how}")
     return Stated(one.rate_A, one.rate_A, f"{why}; the charge of its current in one hour is assumed")
 
 

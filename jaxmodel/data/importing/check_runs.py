@@ -103,6 +103,9 @@ def splits_of_motors(
     if stated is None:
         first = [rides.index(ride) for ride in dict.fromkeys(rides)]
         once = [dataclasses.replace(runs[number], name=rides[number]) for number in first]
+        if len(once) == 1:
+            sentence = "All runs were logged together, so none is held out; give a second file for a check run."
+            return ["fit"] * len(runs), [Finding("no check run", "", sentence, "warning")]
         of_rides, found = splits_of(once, [conditions[number] for number in first], None)
         by_ride = dict(zip(dict.fromkeys(rides), of_rides, strict=True))
         splits = [by_ride[ride] for ride in rides]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 
 from jaxmodel.case.measurements import REFERENCES
 from jaxmodel.data.importing.findings import Finding
+from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches, parse_name
 from jaxmodel.data.tables.quantities import ELECTRICAL
 from jaxmodel.data.tables.units import conversion
@@ -27,6 +29,9 @@ def hint_for(target: str, kind: str, header: Mapping[str, str]) -> str:
         kind: of the case.
         header: the columns of the file, and what became of each.
     """
+    known = known_format(list(header))
+    if known and (said := re.search(rf'--column {target}="[^"]+"', known.remark)):
+        return said[0]
     voltage = _first(header, lambda name: header[name] == "voltage_V")
     if kind == "cell" and target == "current_A":
         power = _first(header, lambda name: conversion(parse_name(name).unit, "W") is not None)

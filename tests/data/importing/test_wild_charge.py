@@ -293,6 +293,18 @@ def test_a_part_of_the_plateau_of_lfp_does_not_tell_the_capacity(tmp_path: Path,
     assert "does not tell" in said
 
 
+@pytest.mark.parametrize(("hours", "amperes"), [(1.0, 0.1), (0.5, 0.2), (2.0, -0.05)])
+def test_a_small_part_of_a_charge_that_never_rests_does_not_tell_the_capacity(
+    tmp_path: Path, hours: float, amperes: float
+):
+    log = cell([(3600.0 * hours, amperes)], 0.6)
+    one = imported(tmp_path, log=log, options={"sign": "discharge-positive"})
+    assert one.capacity is not None
+    assert abs(np.log(one.capacity.value / 2.0)) < 2.0 * (one.capacity.sd or 0.0) / one.capacity.value
+    (said,) = sentences(one, "capacity")
+    assert "does not tell" in said
+
+
 def test_the_same_log_under_two_names_is_found(tmp_path: Path):
     log = cell(FULL, 1.0)
     one = imported(tmp_path, first=log, other=cell(FULL, 0.99), second=log.assign(time_s=log.time_s + 5.0))
