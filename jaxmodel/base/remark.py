@@ -98,7 +98,7 @@ CODES: Mapping[str, Code] = {
         "parameter@run",
         ("value", "stated"),
     ),
-    "refit_error": Code("RMS that the joint refit leaves", "column@run", ("rms",)),
+    "refit_error": Code("RMS that the joint refit leaves of the run of which it is largest", "column@run", ("rms",)),
     "readings_correlated": Code("one in so many readings counts", "column", ("readings",)),
     "torque_error": Code("RMS that the torque balance leaves", "", ("rms_Nm",)),
     "runs_contradict": Code(

@@ -31,7 +31,7 @@ from jaxmodel.case.measurements import (
 )
 from jaxmodel.case.presets import located, why_not
 from jaxmodel.case.records import Case, Run
-from jaxmodel.case.servo import stated_servo
+from jaxmodel.case.servo import refuse_driven_speed, stated_servo
 from jaxmodel.case.specimens import specimens_of
 from jaxmodel.model.ports import Effect
 
@@ -134,6 +134,7 @@ def _case(
         )
         for number, (run, file) in enumerate(zip(entry.runs, sources, strict=True), start=1)
     )
+    refuse_driven_speed(servo, runs, where)
     case = Case(
         name=name,
         path=path,

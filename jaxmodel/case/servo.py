@@ -14,6 +14,11 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.controllers import CONTROLLERS, Controller, ShaftPosition
 from jaxmodel.model.ports import Effect
 
+_DRIVES = (
+    "with a controller the speed is an answer, and with an unknown load it drives the model; state another load, as in "
+    'load = "free", or remove the controller.'
+)
+
 
 def stated_servo(
     drive: str | None, controller: str | None, effects: Iterable[str], kind: str, load: str, where: str
@@ -45,11 +50,14 @@ def stated_servo(
             f"{name} = {{ k_p = 10 }}."
         )
     if loops and load == "unknown":
-        raise MeasurementError(
-            f"{where}: with a controller the speed is an answer, and with an unknown load it drives the model; state "
-            "another load, or remove the controller."
-        )
+        raise MeasurementError(f"{where}: {_DRIVES}")
     return Servo(drive or "", loops[0] if loops else "")
+
+
+def refuse_driven_speed(servo: Servo, runs: Iterable[Run], where: str) -> None:
+    """Raise MeasurementError where the speed drives the model of a motor under a controller, as no load is stated."""
+    if servo.controller and any("speed_rad_s" in run.measured.inputs for run in runs):
+        raise MeasurementError(f"{where}: {_DRIVES}")
 
 
 def servo_effects(case: Case, run: Run | None, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:

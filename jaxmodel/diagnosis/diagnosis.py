@@ -45,6 +45,7 @@ from jaxmodel.diagnosis.result import (
 from jaxmodel.diagnosis.rungs import AdjustedStarts, errors_by_run, nominal, residuals_of, rung, with_adjusted_starts
 from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
+from jaxmodel.diagnosis.wording import effect_name
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.candidates import is_distinguishable
@@ -363,14 +364,15 @@ def _small(one: ChannelEvidence) -> bool:
 
 def _immaterial(cache: FitCache, test: Test, removes: dict[str, Removed]) -> Immaterial:
     name = cache.space.candidates[test.label].name
+    words = effect_name(name)
     if not test.significant:
         sentence = (
-            f"{name}: it may be there, and curves of what no table states, such as an activation energy of each "
+            f"{words}: it may be there, and curves of what no table states, such as an activation energy of each "
             f"resistance, explain the fit runs nearly as well (log evidence {test.gain:+.1f} of {test.odds:.1f} needed)"
         )
         return Immaterial(name, removes, sentence)
     against = test.why_not() or "beside the rest of the model it is not needed"
-    sentence = f"{name}: it is significant on the fit runs (log evidence {test.gain:+.1f}), but {against}"
+    sentence = f"{words}: it is significant on the fit runs (log evidence {test.gain:+.1f}), but {against}"
     return Immaterial(name, removes, sentence)
 
 

@@ -228,10 +228,14 @@ def _remarks(found: Calibrated, runs: Sequence[Rows], capacity_Ah: float) -> tup
                     stated=stated,
                 )
             )
-    for run, table in _fitted(found, "voltage_V", "fit_V").groupby("run", sort=False):
-        left = float(np.sqrt(np.mean((table["voltage_V"] - table["fit_V"]) ** 2)))
-        sentence = f"The joint refit leaves {1e3 * left:.3g} mV of {run}."
-        said.append(Remark(sentence, "refit_error", f"voltage_V@{run}", rms=left))
+    left = {
+        str(run): float(np.sqrt(np.mean((table["voltage_V"] - table["fit_V"]) ** 2)))
+        for run, table in _fitted(found, "voltage_V", "fit_V").groupby("run", sort=False)
+    }
+    most = max(left, key=lambda run: left[run])
+    least = "" if len(left) == 1 else f"{1e3 * min(left.values()):.3g} to "
+    sentence = f"The joint refit leaves {least}{1e3 * left[most]:.3g} mV RMS of the voltage, most in {most}."
+    said.append(Remark(sentence, "refit_error", f"voltage_V@{most}", rms=left[most]))
     inflation = found.fit.likelihood.channels["voltage_V"].inflation
     sentence = f"One in {inflation:.0f} readings counts: what the model misses is correlated, and the sd allow for it."
     said.append(Remark(sentence, "readings_correlated", "voltage_V", readings=inflation))

@@ -58,7 +58,7 @@ def test_a_folder_stands_for_its_files_and_flags_reach_the_case(run: Run, tmp_pa
     [
         (["--kind", "cell"], ["hppc.csv", "no ambient temperature", "--ambient"]),
         (["--kind", "pump"], ["'pump'", "cell, motor, robot"]),
-        (["--kind", "cell", "--unit", "Voltage(V)"], ["--unit Voltage(V)", "NAME=VALUE"]),
+        (["--kind", "cell", "--unit", "Voltage(V)"], ["--unit Voltage(V)", "COLUMN=UNIT"]),
         (["--kind", "motor", "--ambient", "25"], ["load_torque_Nm", "--constant load_torque_Nm=VALUE"]),
     ],
 )

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from jaxmodel import Case, import_case, read_case, simulate_case
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.case.build import case_model
 from jaxmodel.case.measurements import Servo, vocabulary
 from jaxmodel.operation.load import estimate_load
@@ -119,6 +119,8 @@ def log(folder: Path) -> Path:
 
 IMPORT = {"ambient": 22.0, "load": "free", "drive": "current", "progress": False}
 COLUMNS = {"current_A": "drive_V*1", "position_rad": "position_mm*1"}
+FOLLOWED = COLUMNS | {"reference_position_rad": "target_mm*1"}
+CLOSED = {"controller": "position", "controller_numbers": {"k_p": 40.0}}
 
 
 def test_an_import_takes_the_command_of_a_current_drive_as_its_current(tmp_path: Path):
@@ -129,13 +131,26 @@ def test_an_import_takes_the_command_of_a_current_drive_as_its_current(tmp_path:
 
 
 def test_an_import_takes_a_reference_and_gains(tmp_path: Path):
-    columns = COLUMNS | {"reference_position_rad": "target_mm*1"}
     found = import_case(
-        log(tmp_path), "motor", out=tmp_path / "case", columns=columns, controller="position",
+        log(tmp_path), "motor", out=tmp_path / "case", columns=FOLLOWED, controller="position",
         controller_numbers={"k_p": 40.0, "k_d": 0.2}, **IMPORT,
     )  # fmt: skip
     assert set(found.case.runs[0].measured.outputs) == {"current_A", "speed_rad_s", "position_rad"}
     assert read_case(tmp_path / "case").servo == Servo("current", "position")
+
+
+def test_a_reference_that_is_called_as_in_a_case_needs_no_option(tmp_path: Path):
+    file = tmp_path / "run.csv"
+    pd.read_csv(log(tmp_path)).rename(columns={"target_mm": "reference_position_rad"}).to_csv(file, index=False)
+    found = import_case(file, "motor", columns=COLUMNS, **IMPORT | CLOSED)
+    np.testing.assert_allclose(found.runs[0].log.columns["reference_position_rad"], REFERENCE)
+    open_loop = import_case(file, "motor", columns=COLUMNS, **IMPORT)
+    assert "reference_position_rad" not in open_loop.runs[0].log.columns
+
+
+def test_a_case_with_a_controller_whose_speed_drives_the_model_is_refused():
+    with pytest.raises(MeasurementError, match="the speed is an answer"):
+        servo_case(frame(reference_position_rad=REFERENCE, current_A=0.0, speed_rad_s=1.0), load=None)
 
 
 @pytest.mark.parametrize(
@@ -148,8 +163,25 @@ def test_an_import_takes_a_reference_and_gains(tmp_path: Path):
         ),
         ({"controller": "torque"}, "there is no 'torque'; use position or speed"),
         ({"drive": "amps"}, "there is no 'amps'; use voltage or current"),
+        (
+            CLOSED | {"load": "unknown"},
+            "the speed is an answer of the loop, and with --load unknown it drives the model",
+        ),
+        (
+            CLOSED | {"load": None, "columns": FOLLOWED},
+            "with --controller the speed is an answer of the model, and nothing tells the load",
+        ),
+        (CLOSED | {"controller_numbers": {"k_p": 0.0}}, "the output of position is always 0"),
+        (CLOSED | {"controller_numbers": {"k_p": 10.0, "limit": 0.0}}, "the output of position is always 0"),
+        (CLOSED | {"controller_numbers": {"k_p": -1.0}}, "'k_p' = -1 is outside its range 0 to"),
+        (CLOSED, 'it may be --column reference_position_rad="target_mm"'),
+        ({"columns": FOLLOWED}, "state --controller position:k_p=VALUE too"),
+        (
+            {"columns": COLUMNS | {"voltage_V": "command"}},
+            "with --load free and --drive current a motor has no voltage_V",
+        ),
     ],
 )
 def test_words_of_a_drive_that_nobody_knows_are_refused(options, words: str, tmp_path: Path):
-    with pytest.raises(MeasurementError, match=words):
-        import_case(log(tmp_path), "motor", columns=COLUMNS, **IMPORT | options)
+    with pytest.raises(UserError, match=words):
+        import_case(log(tmp_path), "motor", **IMPORT | {"columns": COLUMNS} | options)

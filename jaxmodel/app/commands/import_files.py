@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,8 +13,9 @@ from jaxmodel.app import terminal
 from jaxmodel.app.folders import take
 from jaxmodel.base.errors import MeasurementError, UserError, nearest
 from jaxmodel.case.measurements import KINDS
-from jaxmodel.data.importing import Imported, Options, Question, import_case
+from jaxmodel.data.importing import Imported, Question, import_case
 from jaxmodel.data.importing.imported import shortened
+from jaxmodel.data.importing.written import options_of
 
 _MOST_DECISIONS, _MOST_FINDINGS = 40, 40
 
@@ -24,9 +25,6 @@ def import_files(
     kind: str,
     out: Path,
     *,
-    pairs: Mapping[str, Sequence[str]],
-    load: str | None = None,
-    controller: str | None = None,
     answer_only: bool = False,
     force: bool = False,
     **decisions: Any,
@@ -37,32 +35,16 @@ def import_files(
         files: as `jaxmodel.data.importing.import_case` takes them; a folder stands for all its files.
         kind: of the case.
         out: folder of the case.
-        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`, `specimen`.
-        load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
-        controller: "position" or "speed" with its gains, as "position:k_p=40,k_d=0.2,limit=10".
         answer_only: leaves out the pictures.
         force: writes over a case that was edited since it was imported.
-        decisions: other fields of `jaxmodel.data.importing.Options`.
+        decisions: fields of `jaxmodel.data.importing.Options`, as `jaxmodel.data.importing.written` takes them.
 
     Raises:
         UserError: a file cannot be used, or something is open and nobody is there to be asked.
     """
     if kind not in KINDS:
         raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
-    constants = [_pair(text, "constant") for text in pairs["constant"]]
-    law, of_law = _with_numbers(load, "load")
-    loop, gains = _with_numbers(controller, "controller")
-    options = Options(
-        load=law,
-        load_numbers=of_law,
-        controller=loop,
-        controller_numbers=gains,
-        columns=dict(_pair(text, "column") for text in pairs["column"]),
-        units=dict(_pair(text, "unit") for text in pairs["unit"]),
-        specimens=dict(_pair(text, "specimen") for text in pairs.get("specimen", ())),
-        constants={name: _number(value, f"--constant {name}") for name, value in constants},
-        **decisions,
-    )
+    options = options_of(decisions)
     paths = files_of(files, out)
     take(out)
     ask = _ask if sys.stdin.isatty() and sys.stderr.isatty() else None
@@ -111,27 +93,6 @@ def files_of(files: Sequence[Path], out: Path) -> list[Path]:
     return found
 
 
-def _pair(text: str, option: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip():
-        raise MeasurementError(f"--{option} {text}: give NAME=VALUE.")
-    return name.strip(), value.strip().strip("\"'")
-
-
-def _with_numbers(text: str | None, option: str) -> tuple[str | None, dict[str, float]]:
-    """Return the name and the numbers of 'gravity:mass_kg=0.5,arm_m=0.1'; None for none."""
-    name, _, numbers = (text or "").partition(":")
-    pairs = [_pair(one.strip(), option) for one in numbers.split(",") if one.strip()]
-    return name or None, {key: _number(value, f"--{option} {key}") for key, value in pairs}
-
-
-def _number(text: str, option: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise MeasurementError(f"{option}: '{text}' is not a number; correct it.") from None
-
-
 def _ask(question: Question) -> str:
     """Ask at the terminal."""
     choices = f" ({' or '.join(question.choices)})" if question.choices else ""
@@ -165,7 +126,7 @@ def _print(imported: Imported) -> None:
     decided = shortened([one for one in imported.decisions if one.about not in ("reading", "clock", "convention")])
     for line in decided[:_MOST_DECISIONS]:
         terminal.say(f"decided: {line}")
-    warned = list(dict.fromkeys(one.sentence for one in imported.findings if one.weight == "warning"))
+    warned = imported.warned()
     for line in warned[:_MOST_FINDINGS]:
         terminal.say(f"look at: {line}")
     if len(decided) > _MOST_DECISIONS or len(warned) > _MOST_FINDINGS:

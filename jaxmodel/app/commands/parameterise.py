@@ -7,8 +7,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from jaxmodel.app import terminal
 from jaxmodel.app.article import Picture, Section, Table, write_article
 from jaxmodel.app.commands.start import read_case_with, start
@@ -106,7 +104,7 @@ def _write_page(found: Parameterisation, out: Path, seconds: float, *, pictures:
         ]
         if found.case.tables:
             sections.append(Section("Tables", [Picture("curves", png(found.plot.curves()), CAPTIONS["curves"])]))
-    sections.append(Section("Forward simulation of every run", [_errors(found.errors)]))
+    sections.append(Section("Forward simulation of every run", [_errors(found)]))
     findings = [f"{len(given)} numbers from the data, {len(missing)} not in them.", *found.remarks]
     write_article(
         out,
@@ -132,18 +130,15 @@ def _number(value: float, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else ""
 
 
-def _errors(errors: pd.DataFrame) -> Table:
+def _errors(found: Parameterisation) -> Table:
+    """Return the errors of the forward simulation; those above a state of charge where there is one."""
+    columns = {"run": "run", "split": "split", "reading": "reading", "rms": "rms"}
+    columns |= {} if found.case.kind == "motor" else {"rms_to_soc_0.1": "rms above SOC 0.1"}
     rows = [
-        (
-            str(row["run"]),
-            str(row["split"]),
-            str(row["reading"]),
-            _number(row["rms"], 3),
-            _number(row["rms_to_soc_0.1"], 3),
-        )
-        for row in errors.to_dict("records")
+        tuple(_number(row[name], 3) if name.startswith("rms") else str(row[name]) for name in columns)
+        for row in found.errors.to_dict("records")
     ]
-    return Table("simulated", ("run", "split", "reading", "rms", "rms above SOC 0.1"), rows, words=3)
+    return Table("simulated", tuple(columns.values()), rows, words=3)
 
 
 def _print(found: Parameterisation) -> None:
@@ -154,7 +149,7 @@ def _print(found: Parameterisation) -> None:
     for one in found.extractions:
         if not one.found:
             terminal.say(one.sentence())
-    table = _errors(found.errors)
-    terminal.table("Forward simulation", table.head, table.rows, right=(3, 4))
+    table = _errors(found)
+    terminal.table("Forward simulation", table.head, table.rows, right=range(3, len(table.head)))
     for remark in found.remarks:
         terminal.say(f"Note: {remark}")

@@ -18,6 +18,7 @@ from jaxmodel.app.folders import take
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing import Options
+from jaxmodel.data.importing.written import option_of
 
 CASE, PARAMETERISED, DIAGNOSIS = "1_case", "2_parameterised", "3_diagnosis"
 STAGES, ANSWER = "start.json", "answer.json"
@@ -88,7 +89,7 @@ def _given_case(files: Sequence[Path], decisions: Mapping[str, Any]) -> Path | N
     stated = [*_stated(decisions)]
     if stated:
         raise MeasurementError(
-            f"--{stated[0]}: {cases[0]} is a case and is not imported; correct its case.toml, or give its logs."
+            f"{stated[0]}: {cases[0]} is a case and is not imported; correct its case.toml, or give its logs."
         )
     return cases[0]
 
@@ -100,11 +101,7 @@ def _is_case(path: Path) -> bool:
 def _stated(decisions: Mapping[str, Any]) -> Iterable[str]:
     """Yield the options of the import that the user states, as they are written."""
     unstated = {field.name: field.default for field in dataclasses.fields(Options)}
-    for name, value in decisions.items():
-        if isinstance(value, Mapping):
-            yield from _stated(value)
-        elif value not in (unstated.get(name), None, [], ()):
-            yield {"capacity_Ah": "capacity"}.get(name, name.replace("_", "-"))
+    return (option_of(name) for name, value in decisions.items() if value not in (unstated[name], None))
 
 
 def _files_of(case: Path) -> list[Path]:

@@ -114,7 +114,7 @@ def told(cycles: Sequence[float | None], stated: Sequence[float | None]) -> list
     if all(number is None for number in stated):
         why = f"the files count {span}, and the resistance that these add by eq. 7 is more than a cell of this size has"
         return [Decision("cycles of each run", "", "not stated", why, "physics")]
-    return [Decision("cycles of each run", "", span, "the files count them: an older cell is another", "file")]
+    return [Decision("cycles of each run", "", span, "a column counts them; a diagnosis tells what ages", "file")]
 
 
 def as_aged(capacity: Stated, left: Sequence[Stated | None]) -> Stated:

@@ -69,6 +69,7 @@ class Count:
         below_full_V: how far below the voltage of a full cell it rests at its first row; NaN for a start under load,
             and where the chemistry does not tell.
         begins_empty: whether it rests at its first row at the voltage of an empty cell.
+        flat: whether the files show the plateau of LFP, or of LTO.
     """
 
     run: Log
@@ -80,6 +81,7 @@ class Count:
     rate_A: float
     below_full_V: float
     begins_empty: bool
+    flat: bool = False
 
 
 def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Count]:
@@ -231,7 +233,7 @@ def _count(run: Log, ambient_degC: float | None, of_full: _Full, low: float, flo
     rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
     below = high - float(voltage[0]) if resting[0] and not flat else np.nan
     begins_empty = bool(resting[0] and voltage[0] <= min(low + _EMPTY_RESTS_V, most))
-    return Count(run, out, full, empty, resting, ambient_degC, rate, below, begins_empty)
+    return Count(run, out, full, empty, resting, ambient_degC, rate, below, begins_empty, of_full.flat)
 
 
 def capacity_of(
@@ -287,22 +289,33 @@ def _by_logged_soc(found: Sequence[Count], least: float) -> Stated | None:
 
 
 def _guess(found: Sequence[Count]) -> Stated:
-    """Return a capacity that the files do not tell, with an sd that says so: half of it or more."""
+    """Return a capacity that the files do not tell, with an sd that says so: half of it or more.
+
+    On a plateau any share of the charge may have been moved: the cell has as much at least, and the sd is all of it.
+    """
     moved, one = max(
         ((float(np.ptp(count.out_Ah)), count) for count in found), key=lambda pair: pair[0], default=(0, None)
     )
     if one is None or moved <= 0.0:
         return Stated(5.2, 5.2, "no charge was moved; that of the paper's cell is assumed")
-    quiet = one.run.columns["voltage_V"][one.resting & np.isfinite(one.run.columns["voltage_V"])]
+    voltage = one.run.columns["voltage_V"]
+    quiet, loaded = voltage[one.resting & np.isfinite(voltage)], voltage[~one.resting & np.isfinite(voltage)]
     swing = 0.0 if np.isnan(one.below_full_V) or not quiet.size else float(np.ptp(quiet[[0, -1]]))
-    pulse = moved < _PULSE_H * one.rate_A or (quiet.size > 1 and swing and swing < _PULSE_V)
+    how = "its resting voltage changes"
+    if not swing and loaded.size and not one.flat:  # it never rests
+        swing, how = float(np.ptp(np.quantile(loaded, [0.02, 0.98]))), "its voltage changes under load"
+    pulse = moved < _PULSE_H * one.rate_A or 0.0 < swing < _PULSE_V
+    if one.flat and not pulse:
+        value = max(2.0 * moved, one.rate_A)
+        why = f"the plateau of the voltage does not tell it: {_in_words(moved)} is the least"
+        return Stated(value, value, f"{why}, and twice that, or the charge of its current in one hour, is assumed")
     if not pulse:
         why = "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"
         return Stated(1.25 * moved, 0.625 * moved, why)
     why = f"a pulse of {_in_words(moved)} does not tell the capacity"
     if swing > 1e-3:  # layered oxides lose about 1 V per unit of SOC, the plateau of another cell far less
         value = min(moved / swing, max(_LARGEST_GUESS_AH, moved))
-        return Stated(value, value, f"{why}; assumed by how its resting voltage changes")
+        return Stated(value, value, f"{why}; assumed by how {how}")
     return Stated(one.rate_A, one.rate_A, f"{why}; the charge of its current in one hour is assumed")
 
 

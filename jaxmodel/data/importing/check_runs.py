@@ -103,6 +103,9 @@ def splits_of_motors(
     if stated is None:
         first = [rides.index(ride) for ride in dict.fromkeys(rides)]
         once = [dataclasses.replace(runs[number], name=rides[number]) for number in first]
+        if len(once) == 1:
+            sentence = "All runs were logged together, so none is held out; give a second file for a check run."
+            return ["fit"] * len(runs), [Finding("no check run", "", sentence, "warning")]
         of_rides, found = splits_of(once, [conditions[number] for number in first], None)
         by_ride = dict(zip(dict.fromkeys(rides), of_rides, strict=True))
         splits = [by_ride[ride] for ride in rides]
@@ -241,6 +244,8 @@ def _named(names: Sequence[str], stated: Sequence[str]) -> set[str]:
         found = [name for name in names if fnmatch.fnmatchcase(name, plain)]
         if not found:
             hint = nearest(plain, names) or f" The runs are {', '.join(names[:20])}."
+            if len(parts := plain.replace(",", " ").split()) > 1 and all(part in names for part in parts):
+                hint = f" Give each run an option of its own, as --check {parts[0]} --check {parts[1]}."
             raise MeasurementError(f"check: no run is called '{pattern}'.{hint}")
         check.update(found)
     if len(check) == len(names):

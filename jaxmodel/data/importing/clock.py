@@ -265,8 +265,9 @@ def _against_stamps(log: Log, where: str) -> Log:
         largest = places[int(np.argmax(np.abs(np.diff(off)[places])))]
         by = float(np.diff(off)[largest])
         hour = " (a change of summer time)" if abs(abs(by) - 3600.0) < max(5.0, resolution) else ""
+        often = "once," if places.size == 1 else f"{places.size} times, most"
         sentence = (
-            f"{where}: time stamps and elapsed time part {places.size} times, most by {by:.6g} s at "
+            f"{where}: time stamps and elapsed time part {often} by {by:.6g} s at "
             f"{elapsed[largest]:.6g} s"
             f"{hour}; the elapsed time is used."
         )

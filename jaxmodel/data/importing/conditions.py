@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.importing.findings import Decision, Finding
@@ -128,20 +128,27 @@ def with_specimens(logs: Sequence[Log], stated: Mapping[str, str]) -> list[Log]:
     """
     if not stated:
         return list(logs)
+    for name, pattern in stated.items():
+        if not any(_is_meant(log, pattern) for log in logs):
+            files = listed(dict.fromkeys(log.source.name for log in logs), 6)
+            raise MeasurementError(
+                f"specimen: no file is called '{pattern}'; correct the pattern of {name}. The files are {files}."
+            )
     found = []
     for log in logs:
         mine = [name for name, pattern in stated.items() if _is_meant(log, pattern)]
-        if len(mine) != 1 or log.specimen:
-            what = "several motors or cells by itself" if log.specimen else f"{' and '.join(mine) or 'none of them'}"
+        if log.specimen:
             raise MeasurementError(
-                f"{file_label(log.source)}: specimen: the file is of {what}; state --specimen so that each is of one."
+                f"{file_label(log.source)}: specimen: the file is of several motors by itself; choose one of them with "
+                f"--motor, as --motor {log.specimen}, or leave --specimen out."
+            )
+        if len(mine) != 1:
+            raise MeasurementError(
+                f"{file_label(log.source)}: specimen: the file is of {' and '.join(mine) or 'none of them'}; state "
+                "--specimen so that each is of one."
             )
         decision = Decision("specimen", log.name, mine[0], "stated", "user")
         found.append(dataclasses.replace(log, specimen=mine[0]).also(decision))
-    if lacking := [name for name in stated if name not in {log.specimen for log in found}]:
-        raise MeasurementError(
-            f"specimen: no file is called '{stated[lacking[0]]}'; correct the pattern of {lacking[0]}."
-        )
     return found
 
 

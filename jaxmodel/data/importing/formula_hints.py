@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 
+from jaxmodel.case.measurements import REFERENCES
 from jaxmodel.data.importing.findings import Finding
+from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches, parse_name
 from jaxmodel.data.tables.quantities import ELECTRICAL
 from jaxmodel.data.tables.units import conversion
 
+_WANTED = frozenset("reference ref goal target setpoint sp desired des commanded command cmd demand".split())
 _DUTY = frozenset("duty throttle pwm".split())
 # What a current in multiples of the capacity per hour is called.
 _RATES = frozenset(["c rate", "crate", "c rates", "current c rate", "rate c", "current c", "c"])
 
 
 def hint_for(target: str, kind: str, header: Mapping[str, str]) -> str:
-    """Return the option that computes a column of the case from others of the file; "" where none does.
+    """Return the option that takes a column of the case from others of the file; "" where none does.
 
     The current of a cell is P / V, or its rate times its capacity. The mean voltage at a motor is the duty cycle times
     that of its supply, and its speed that of its field over the number of pole pairs.
@@ -25,6 +29,9 @@ def hint_for(target: str, kind: str, header: Mapping[str, str]) -> str:
         kind: of the case.
         header: the columns of the file, and what became of each.
     """
+    known = known_format(list(header))
+    if known and (said := re.search(rf'--column {target}="[^"]+"', known.remark)):
+        return said[0]
     voltage = _first(header, lambda name: header[name] == "voltage_V")
     if kind == "cell" and target == "current_A":
         power = _first(header, lambda name: conversion(parse_name(name).unit, "W") is not None)
@@ -41,6 +48,8 @@ def hint_for(target: str, kind: str, header: Mapping[str, str]) -> str:
         return _option(target, f"{share} * {_quoted(supply)}")
     if kind == "motor" and target == "speed_rad_s" and (field := _first(header, _is_electrical)):
         return _option(target, f"{_quoted(field)} * 0.10472 / PAIRS")
+    if target in REFERENCES.values() and (wanted := _first(header, lambda name: _is_reference(name, target))):
+        return _option(target, wanted)
     return ""
 
 
@@ -74,6 +83,15 @@ def _first(header: Mapping[str, str], holds: Callable[[str], bool]) -> str | Non
 
 def _is_supply(name: str) -> bool:
     return any(match.quantity == "pack_voltage" for match in matches(name))
+
+
+def _is_reference(name: str, target: str) -> bool:
+    """Return whether a column's name is of what a loop is to follow, and of no other quantity than that one."""
+    words = _words(name)
+    of_speed = bool(words & {"speed", "velocity", "rpm", "vel", "w", "omega"})
+    of_angle = bool(words & {"position", "angle", "pos", "theta", "q"})
+    other = of_angle if target == REFERENCES["speed"] else of_speed
+    return bool(words & _WANTED) and not other and not words & {"current", "voltage", "torque", "pwm", "duty", "error"}
 
 
 def _is_electrical(name: str) -> bool:

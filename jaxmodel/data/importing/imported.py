@@ -8,7 +8,7 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import pandas as pd
 
 from jaxmodel.base import toml
 from jaxmodel.base.atomic_files import write_whole
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case.records import Case
 from jaxmodel.case.run_csv import write_numbers
@@ -32,6 +32,7 @@ from jaxmodel.effects.controllers import CONTROLLERS
 from jaxmodel.effects.loads import LAWS
 
 _LINE = 160
+_NAMED, _ALIKE = 3, 3  # files or runs that a sentence names, and from which on their numbers are not told
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -222,8 +223,12 @@ class Imported:
         lines += [
             f"decided: {one}" for one in shortened([d for d in self.decisions if d.about not in ("reading", "clock")])
         ]
-        lines += [f"look at: {one.sentence}" for one in self.findings if one.weight == "warning"]
+        lines += [f"look at: {said}" for said in self.warned()]
         return "\n".join([*lines, *([self.missing()] if self.missing() else [])])
+
+    def warned(self) -> list[str]:
+        """Return what is to be looked at, in sentences; what is so in several runs is said once."""
+        return sentences(one for one in self.findings if one.weight == "warning")
 
     @property
     def plot(self) -> ImportPlots:
@@ -255,16 +260,59 @@ class Imported:
 
 
 def shortened(decisions: list[Decision]) -> list[str]:
-    """Return decisions as sentences, those that say the same of several files or runs as one."""
+    """Return decisions as sentences, those that say the same of several files or runs as one.
+
+    The numbers of the reason are then those of the first.
+    """
     places: dict[tuple[str, str, str], list[str]] = {}
     for one in decisions:
-        places.setdefault((one.about, one.value, one.why), []).append(one.where)
+        named = places.setdefault((one.about, one.value, one.why), [])
+        named += [one.where] if one.where and one.where not in named else []
     lines = []
-    for (about, value, why), where in places.items():
-        named = [one for one in dict.fromkeys(where) if one]
-        some = f" ({', '.join(named[:3])}{f' and {len(named) - 3} more' if len(named) > 3 else ''})" if named else ""
-        lines.append(f"{about}{some}: {value} - {why}")
+    for (about, value, why), where, first in _alike(places, lambda key: (*key[:2], _without_numbers(key[2]))):
+        some = f" ({listed(where, _NAMED)})" if where else ""
+        lines.append(f"{about}{some}: {value} - {why}" + (f"; the numbers are those of {first}" if first else ""))
     return lines
+
+
+def sentences(findings: Iterable[Finding]) -> list[str]:
+    """Return what findings say, each once, those that say the same of several files or runs as one.
+
+    The numbers are then those of the first.
+    """
+    places: dict[str, list[str]] = {}
+    for one in findings:
+        begin = f"{one.where}: " if one.where and one.sentence.startswith(f"{one.where}: ") else ""
+        named = places.setdefault(one.sentence.removeprefix(begin), [])
+        named += [one.where] if begin and one.where not in named else []
+    return [
+        (f"{listed(where, _NAMED)}: {said}" if where else said)
+        + (f" The numbers are those of {first}; import.json has all." if first else "")
+        for said, where, first in _alike(places, _without_numbers)
+    ]
+
+
+def _alike(places: Mapping[Any, list[str]], mask: Callable[[Any], Any]) -> list[tuple[Any, list[str], str]]:
+    """Return what is said with its places; what three places and more say with other numbers is that of the first.
+
+    The last entry is the place whose numbers they are, "" where they hold for all.
+    """
+    groups: dict[Any, list[Any]] = {}
+    for key in places:
+        groups.setdefault(mask(key), []).append(key)
+    found: list[tuple[Any, list[str], str]] = []
+    for keys in groups.values():
+        where = [place for key in keys for place in places[key]]
+        if len(keys) >= _ALIKE and len(set(where)) == len(where) and all(places[key] for key in keys):
+            found.append((keys[0], where, where[0]))
+        else:
+            found += [(key, places[key], "") for key in keys]
+    return found
+
+
+def _without_numbers(text: str) -> str:
+    """Return a text without its numbers; those inside names stay."""
+    return re.sub(r"(?<![\w.])[+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])", "#", text)
 
 
 def _entry(stated: Stated) -> float | dict[str, float]:
@@ -347,8 +395,8 @@ def _head(imported: Imported) -> str:
     decided = [one for one in imported.decisions if one.about not in ("reading", "convention")]
     lines = ["Written by `jaxmodel import`; import.json holds all of this for programs.", "", "Decided:"]
     lines += [f"- {one}" for one in shortened(decided)]
-    if warnings := [one.sentence for one in imported.findings if one.weight == "warning"]:
-        lines += ["", "To be looked at:", *(f"- {one}" for one in dict.fromkeys(warnings))]
+    if warnings := imported.warned():
+        lines += ["", "To be looked at:", *(f"- {one}" for one in warnings)]
     if missing := imported.missing():
         lines += ["", missing]
     return "".join(f"# {' '.join(line.split())[: 4 * _LINE]}".rstrip() + "\n" for line in lines)

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxmodel.base.errors import MeasurementError, instead, nearest
+from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.progress import Stage, stages
-from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, OPEN, file_label, vocabulary
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import ageing, balance, charge, warm_start
+from jaxmodel.data.importing.agreement import checked
 from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
@@ -29,16 +30,13 @@ from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.mistakes import SWAPPED, exchanged, odd_units
 from jaxmodel.data.importing.motor_constants import constants_of
-from jaxmodel.data.importing.options import Kind, Options, checked
+from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.outliers import without_outliers
 from jaxmodel.data.importing.roles import MARKS, ONLY_STATED, ROLES
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
 from jaxmodel.data.importing.supply import odd_voltages
-from jaxmodel.effects.controllers import CONTROLLERS
-from jaxmodel.effects.loads import LAWS
-from jaxmodel.model.declaration import describe
 
 LOAD = "load_torque_Nm"
 _LAWS = ", ".join(COLUMNS_OF_LAWS)
@@ -85,8 +83,7 @@ def import_case(
     known = {field.name for field in dataclasses.fields(Options)}
     if unknown := [name for name in decisions if name not in known]:
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
-    options = checked(dataclasses.replace(options or Options(), **decisions))
-    _check_kind(kind, options)
+    options = checked(dataclasses.replace(options or Options(), **decisions), kind)
     if options.drive == "current":  # what is in V is then no voltage of the winding
         options = dataclasses.replace(options, columns={"voltage_V": "", **options.columns})
     if options.preset:
@@ -100,32 +97,6 @@ def import_case(
             tell(f"writing {len(imported.runs)} runs")
             imported.write(out)
     return imported
-
-
-def _check_kind(kind: Kind, options: Options) -> None:
-    """Raise MeasurementError for what another kind has, and for a number that a load or a controller does not have."""
-    if kind != "motor" and options.motors:
-        raise MeasurementError(f"motor: a log is parted into its motors with --kind motor; remove it for a {kind}.")
-    if options.each_cell and (kind != "cell" or options.cells_in_series > 1):
-        raise MeasurementError("each cell: it is for --kind cell, and without --cells-in-series; remove one of them.")
-    if kind == "cell" and options.load:
-        raise MeasurementError("load: a cell turns nothing; remove --load.")
-    law = LAWS.get(options.load or "")
-    known = {} if law is None else describe(law)
-    for name in options.load_numbers:
-        if name not in known:
-            raise MeasurementError(f"load: {options.load} has no number '{name}'.{instead(name, known)}")
-    if kind != "motor" and options.servo != OPEN:
-        raise MeasurementError(f"drive: that of a {kind} is not modelled; remove --drive and --controller.")
-    gains = describe(CONTROLLERS[options.controller]) if options.controller else {}
-    for name in options.controller_numbers:
-        if name not in gains:
-            raise MeasurementError(f"controller: {options.controller} has no number '{name}'.{instead(name, gains)}")
-    if gains and not options.controller_numbers:
-        raise MeasurementError(
-            f"controller: {options.controller} has no gains; state them, as in --controller "
-            f"{options.controller}:k_p=10."
-        )
 
 
 def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Stage) -> Imported:
@@ -314,8 +285,6 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
     }
     run = dataclasses.replace(run, columns=of_case)
     for name, value in options.constants.items():
-        if name not in known.columns:
-            raise MeasurementError(f"constant: a {kind} has no column '{name}'; it has {', '.join(known.columns)}.")
         run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, float(value))})
         run = run.also(Decision(name, run.name, f"{value:g} throughout", "stated", "user"))
     for name, value in (listed.inputs if listed is not None else {}).items():
@@ -329,7 +298,11 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
             computed = hint_for(group[0], kind, run.header)
             raise MeasurementError(
                 f"{file_label(run.source)}: no column is {names}, which a {kind} needs; {columns_of(run.header)}; "
-                + (f"compute it with {computed}, or " if computed else "")
+                + (
+                    f"{'it may be' if group[0] in ONLY_STATED else 'compute it with'} {computed}, or "
+                    if computed
+                    else ""
+                )
                 + f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it'
                 + (f", or what the load follows with --load {_LAWS}." if LOAD in group else ".")
             )
@@ -340,6 +313,12 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
                 run = dataclasses.replace(run, columns=columns)
         run = fill(run, present[0])
         if LOAD in group and present[0] == "speed_rad_s":
+            if not options.load and (options.controller or options.drive == "current"):
+                said = "--controller" if options.controller else "--drive current"
+                raise MeasurementError(
+                    f"{file_label(run.source)}: with {said} the speed is an answer of the model, and nothing tells the "
+                    f"load; state what it follows with --load {_LAWS}, or --constant {LOAD}=VALUE for all of it."
+                )
             why = "no load torque is measured: the speed drives the model, and its mechanics is not tested"
             run = run.also(Decision("load", run.name, "unknown", why, "user" if options.load else "assumed"))
     drives = {present for group in groups for present in [next(name for name in group if name in run.columns)]}
@@ -470,11 +449,12 @@ def _of_preset(preset: str | None) -> charge.Stated | None:
 def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options) -> list[Finding | Decision]:
     if capacity is None:
         return []
-    value = f"{capacity.value:.4g} ± {capacity.sd:.2g} A h"
+    sd = capacity.sd or 0.0
+    value = f"{capacity.value:.4g} ± {sd:.{2 if sd < 99.5 else 3}g} A h"
     source = "user" if options.capacity_Ah is not None else "file" if full else "assumed"
     about: list[Finding | Decision] = [Decision("capacity_Ah", "", value, capacity.why, source)]
     if not full and _of_preset(options.preset) is None:
-        sentence = f"The capacity is not known, {capacity.why}: state --capacity ({value} is written)."
+        sentence = f"The capacity is not known ({capacity.why}): state --capacity ({value} is written)."
         about.append(Finding("capacity", "", sentence, "warning"))
     return about
 

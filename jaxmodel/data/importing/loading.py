@@ -20,7 +20,7 @@ from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
 from jaxmodel.data.importing.logs import Log, columns_of
-from jaxmodel.data.importing.motors import by_motor, motors_in
+from jaxmodel.data.importing.motors import by_motor, meant, motors_in
 from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
@@ -37,6 +37,7 @@ from jaxmodel.data.tables.units import Conversion, conversion
 _SAMPLE_ROWS = 2000
 _CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
+_COUNTS = 20.0  # from which on whole numbers are seldom the torque of a small motor in N m (assumed)
 _ABSOLUTE_ZERO_DEGC = -273.15
 _SENSED = (
     "voltage_V",
@@ -88,6 +89,7 @@ def load(
     in_order: list[str] = []
 
     def keep(names: Sequence[str]) -> Sequence[str]:
+        names = meant(names, options) if kind == "motor" else names
         in_order[:] = names
         if options.each_cell or (kind == "motor" and (options.motors or motors_in(names, options))):
             return names
@@ -217,7 +219,7 @@ def _logs(
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
-    units, told = with_units_of_time(table, chosen, units, kind, ask)
+    table, units, told = with_units_of_time(table, chosen, units, kind, ask)
     header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
     return [
@@ -329,6 +331,14 @@ def _log(
                 Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
             )
             continue
+        if target == "load_torque_Nm" and role.why == "named" and not unit and _is_counted(values):
+            sentence = (
+                f"{where}: column '{role.column}' states no unit and holds whole numbers up to "
+                f"{np.nanmax(np.abs(values)):g}, as the load that a servo reports, which is its duty; it is left out. "
+                f'If it is a torque, state --unit "{role.column}=N m".'
+            )
+            found.append(Finding("no torque", where, sentence, "warning", target))
+            continue
         if target.endswith("_degC") and (no_sensor := _no_sensor(pd.Series(table.frame[role.column]), values)):
             sentence = (
                 f"{where}: column '{role.column}' is {no_sensor}, as of a sensor that is not there; it is left out."
@@ -376,6 +386,12 @@ def _log(
         why = table.remarks[-1].split(". ")[0].rstrip(".")
         found.append(Decision("convention", where, table.current_positive_on, why, "file"))
     return log.also(*found)
+
+
+def _is_counted(values: np.ndarray) -> bool:
+    """Return whether readings are whole numbers of which some are large, as counts of a duty are."""
+    there = values[np.isfinite(values)]
+    return bool(np.all(there == np.round(there)) and np.max(np.abs(there), initial=0.0) >= _COUNTS)
 
 
 def _no_sensor(raw: pd.Series, degC: np.ndarray) -> str:

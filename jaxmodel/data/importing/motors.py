@@ -29,10 +29,14 @@ _CORNERS = {
     "fl": "front_left", "fr": "front_right", "rl": "rear_left", "rr": "rear_right", "bl": "back_left",
     "br": "back_right",
 }  # fmt: skip
+_NUMBERED = (
+    "motor", "mot", "wheel", "propeller", "prop", "rotor", "esc", "axis", "joint", "servo", "actuator", "ODrive",
+    "odrive", "odrv",
+)  # fmt: skip
 _MARK = re.compile(
     rf"{_BEGIN}(?:(?P<side>(?:{_ENDS}[\W_]?)?{_SIDES}(?:[\W_]?{_ENDS})?){_END}"
     rf"|(?P<corner>{'|'.join((*_CORNERS, *map(str.upper, _CORNERS)))})(?![A-Za-z0-9])"
-    rf"|(?P<word>{_any('motor', 'mot', 'wheel', 'propeller', 'prop', 'rotor', 'esc')})[ _.\[-]?(?P<number>\d{{1,2}})\]?"
+    rf"|(?P<word>{_any(*_NUMBERED)})[ _.\[-]?(?P<number>\d{{1,2}})\]?"
     rf"(?![0-9])|[Mm](?P<short>\d{{1,2}})(?![A-Za-z0-9]))"
 )
 # What each of several motors has: one motor may have two thermometers.
@@ -51,6 +55,32 @@ def motors_in(names: Sequence[str], options: Options) -> dict[str, dict[str, str
         names: of the columns of a file.
         options: decisions of the user.
     """
+    own, common = _numbered(names)
+    if len(own) < _FEWEST or (not options.motors and _named(own, options)):
+        return {}
+    known = roles_of([*common], units_in(common), "motor", {})
+    stated = " ".join(options.columns.values())
+    is_of_motor = known.keys() & _TELLING or any(_word(bare).search(stated) for bare in common)
+    return own if is_of_motor else {}
+
+
+def meant(names: Sequence[str], options: Options) -> list[str]:
+    """Return the columns of a file without those of other motors than the one of which the user names a column.
+
+    Args:
+        names: of the columns of a file.
+        options: decisions of the user.
+    """
+    own, _ = _numbered(names)
+    named = _named(own, options)
+    if options.motors or len(own) < _FEWEST or len(named) != 1:
+        return list(names)
+    others = {name for motor, columns in own.items() if motor not in named for name in columns}
+    return [name for name in names if name not in others]
+
+
+def _numbered(names: Sequence[str]) -> tuple[dict[str, dict[str, str]], set[str]]:
+    """Return by motor its columns with their names without it, and which of these names several motors have."""
     own: dict[str, dict[str, str]] = {}
     for name in names:
         motor, bare = _parted(name)
@@ -61,13 +91,7 @@ def motors_in(names: Sequence[str], options: Options) -> dict[str, dict[str, str
         for bare in columns.values():
             counts[bare] = counts.get(bare, 0) + 1
     common = {bare for bare, count in counts.items() if count >= _FEWEST}
-    own = {motor: columns for motor, columns in own.items() if common & set(columns.values())}
-    if len(own) < _FEWEST or (not options.motors and _is_named(own, options)):
-        return {}
-    known = roles_of([*common], units_in(common), "motor", {})
-    stated = " ".join(options.columns.values())
-    is_of_motor = known.keys() & _TELLING or any(_word(bare).search(stated) for bare in common)
-    return own if is_of_motor else {}
+    return {motor: columns for motor, columns in own.items() if common & set(columns.values())}, common
 
 
 def by_motor(table: RawTable, options: Options) -> list[OneSpecimen]:
@@ -127,10 +151,10 @@ def _motor(mark: re.Match[str]) -> str:
     return f"{end}_{side}" if end else side
 
 
-def _is_named(own: Mapping[str, Mapping[str, str]], options: Options) -> bool:
-    """Return whether the user names a column of one motor, as the file has it."""
+def _named(own: Mapping[str, Mapping[str, str]], options: Options) -> list[str]:
+    """Return the motors of which the user names a column, as the file has it."""
     texts = " ".join([*options.columns.values(), *options.units, options.rows or ""])
-    return any(_word(name).search(texts) for columns in own.values() for name in columns)
+    return [motor for motor, columns in own.items() if any(_word(name).search(texts) for name in columns)]
 
 
 def _word(name: str) -> re.Pattern[str]:

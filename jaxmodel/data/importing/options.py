@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Literal, get_args
+from typing import Literal
 
-from jaxmodel.base.errors import MeasurementError, nearest
-from jaxmodel.case.measurements import COLUMNS_OF_LAWS, REFERENCES, SET_BY, Servo
+from jaxmodel.case.measurements import Servo
 
 Kind = Literal["cell", "motor", "robot"]
 Sign = Literal["discharge-positive", "charge-positive"]
@@ -97,33 +96,3 @@ class Options:
     def servo(self) -> Servo:
         """What is said of the drive of a motor."""
         return Servo(self.drive or "", self.controller or "")
-
-
-def checked(options: Options) -> Options:
-    """Return options whose words are known and whose numbers can be.
-
-    Raises:
-        MeasurementError: one is not.
-    """
-    for name, given, known in (
-        ("sign", options.sign, get_args(Sign)),
-        ("split_at", options.split_at, get_args(SplitAt)),
-        ("decimal", options.decimal, (".", ",")),
-        ("load", options.load, ("measured", "unknown", *COLUMNS_OF_LAWS)),
-        ("drive", options.drive, tuple(SET_BY)),
-        ("controller", options.controller, tuple(REFERENCES)),
-    ):
-        if given is not None and given not in known:
-            words = " or ".join(known)
-            raise MeasurementError(f"{name}: there is no '{given}'; use {words}.{nearest(str(given), known)}")
-    for name, value, low, high in (
-        ("rest_minutes", options.rest_minutes, 0.0, 1e6),
-        ("capacity_Ah", options.capacity_Ah, 1e-6, 1e6),
-        ("initial_soc", options.initial_soc, 0.0, 1.0),
-        ("seconds_per_row", options.seconds_per_row, 1e-9, 1e9),
-        ("cells_in_series", options.cells_in_series, 1, 10_000),
-        ("parallel_cells", options.parallel_cells, 1, 10_000),
-    ):
-        if value is not None and not low <= value <= high:
-            raise MeasurementError(f"{name}: {value!s:.40} is not within {low:g} and {high:g}; correct it.")
-    return options

@@ -53,7 +53,7 @@ ROLES: dict[str, dict[str, str]] = {
         "soc": "soc",
     },
 }
-# Columns of a motor's case that no name tells: a log may have several references.
+# Columns of a motor's case that only their own names tell: a log may have several references.
 ONLY_STATED = tuple(REFERENCES.values())
 # Columns that are no readings and yet tell how a file is to be read.
 MARKS = {
@@ -143,6 +143,9 @@ def roles_of(
     for target, column in stated.items():
         if column in names:
             found[target] = Role(target, column, "stated")
+    for target in told:
+        if target in names and stated.get(target) is None:
+            found[target] = Role(target, target, "named")
     plain = plain or {}
     taken = {role.column for role in found.values()}
     names = [name for name in names if plain.get(name) != ""]

@@ -20,6 +20,8 @@ _FEWEST_ROWS = 10
 _GAP, _AROUND, _LEAST_GAP_S = 100.0, 5, 30.0
 # Where the row before it rests, so many times, and so long at least [s].
 _GAP_OF_REST, _LEAST_REST_S = 1000.0, 3600.0
+# Intervals that are each at most so many times as long as the next shorter one are those of one logger. Assumed.
+_NEXT_LONGER = 3.0
 # A load goes on over a gap if it changes by this share at most, and was within the second one of it for long before.
 _SAME_LOAD, _LIKE_LOAD = 0.2, 0.5
 # Over a gap without load a cell's temperature changes by so many kelvins only if that of its surroundings did. Assumed.
@@ -97,19 +99,21 @@ def _after_gaps(log: Log) -> list[int]:
     With load on both sides, what flowed meanwhile is not known, unless a load was held for longer than the gap and is
     there after it. After a rest it is not what the row after the gap has, if that is loaded and the gap a thousand
     times as long as the rows. Without load, the surroundings are not known, if no column is their temperature and the
-    cell has another. A log that is thinned has long intervals side by side, and no gap.
+    cell has another. A log that is thinned has long intervals side by side, and no gap; one that is written where
+    something changes has intervals of every length up to its longest.
     """
     load = next((log.columns[name] for name in _LOADS if name in log.columns), None)
     if load is None or log.rows < 2 * _AROUND:
         return []
     load = np.nan_to_num(load)
     apart = np.diff(log.time_s)
+    least = max(_LEAST_GAP_S, _longest_usual(apart))
     size = np.abs(load)
     loaded = size > _REST * float(size.max())
     both, other = loaded[:-1] & loaded[1:], _other_surroundings(log)
     begun = ~loaded[:-1] & loaded[1:] & (apart > _LEAST_REST_S)
     found: list[int] = []
-    for row in np.flatnonzero((apart > _LEAST_GAP_S) & (both | other | begun)).tolist():
+    for row in np.flatnonzero((apart > least) & (both | other | begun)).tolist():
         before, after = apart[max(row - _AROUND, 0) : row], apart[row + 1 : row + 1 + _AROUND]
         usual = max((float(np.median(part)) for part in (before, after) if part.size), default=np.inf)
         if apart[row] < (_GAP if both[row] or other[row] else _GAP_OF_REST) * usual or row + 1 in log.restarts:
@@ -117,6 +121,15 @@ def _after_gaps(log: Log) -> list[int]:
         if other[row] or not both[row] or not _goes_on(log.time_s, load, row, max([0, *found])):
             found.append(row + 1)
     return found
+
+
+def _longest_usual(apart: np.ndarray) -> float:
+    """Return the longest interval that others lead up to, each at most so many times the one below it [s]."""
+    lengths = np.sort(apart[apart > 0.0])
+    above = lengths[lengths.size // 2 :]
+    jumps = np.flatnonzero(above[1:] > _NEXT_LONGER * above[:-1])
+    last = int(jumps[0]) if jumps.size else above.size - 1
+    return float(above[last]) if above.size else 0.0
 
 
 def _goes_on(time_s: np.ndarray, load: np.ndarray, row: int, begin: int) -> bool:

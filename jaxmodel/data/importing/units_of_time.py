@@ -9,13 +9,15 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.data.importing.clock_by_readings import rows_to_follow, seconds_of, unit_of_size
 from jaxmodel.data.importing.findings import Ask, Finding, Question
 from jaxmodel.data.importing.options import Kind
 from jaxmodel.data.importing.roles import Role
 from jaxmodel.data.tables import RawTable
-from jaxmodel.data.tables.times import Times, counted_in, parse_times, unit_by_stamps, unit_in_words
+from jaxmodel.data.tables.times import Counted, Times, counted_in, parse_times, unit_by_stamps, unit_in_words
 
 _MAY_BE_MS = 2.0  # whole numbers that rise by so much per row
+_SLOW_ROWS = 10  # of 1 s each, in which a motor seldom needs to come to half of its speed (assumed)
 
 
 def other_stamp(table: RawTable, role: Role, units: Mapping[str, str]) -> tuple[Role, Times] | None:
@@ -30,8 +32,10 @@ def other_stamp(table: RawTable, role: Role, units: Mapping[str, str]) -> tuple[
 
 def with_units_of_time(
     table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], kind: Kind, ask: Ask | None
-) -> tuple[dict[str, str], list[Finding]]:
-    """Return units with those of clocks that state none, by name, stamps, size and steps, and what is said.
+) -> tuple[RawTable, dict[str, str], list[Finding]]:
+    """Return a table and units with those of clocks that state none, and what is said.
+
+    They are told by name, stamps, readings that need a clock, size and steps. A clock that counts rows is in s then.
 
     Raises:
         MeasurementError: one may be seconds or something else, and nobody is there to ask.
@@ -45,15 +49,37 @@ def with_units_of_time(
             units[name] = named
         elif (told := _unit_by_stamps(table, chosen, units, name)) is not None:
             units[name] = told
-        elif counted := counted_in(column.to_numpy(dtype=float), kind != "cell"):
+        elif (counts := seconds_of(table, chosen, units, name))[0]:
+            seconds, why = counts
+            units[name] = unit_of_size(seconds) or "s"
+            if not unit_of_size(seconds):
+                table = dataclasses.replace(table, frame=table.frame.assign(**{name: column * seconds}))
+            if seconds != 1.0:
+                what = unit_of_size(seconds) or f"counts of {seconds:g} s"
+                found.append(_taken(table.label, name, what, why))
+        elif counted := counted_in(column.to_numpy(dtype=float), kind != "cell") or _rows(table, chosen, column, kind):
             units[name] = counted.unit if counted.sure else _asked_unit(table.label, name, column, counted.why, ask)
             if counted.sure:
-                sentence = (
-                    f"{table.label}: column '{name}' states no unit; it is taken as {counted.unit} ({counted.why}). "
-                    f'Correct it with --unit "{name}=s" if it is another.'
-                )
-                found.append(Finding("unit assumed", table.label, sentence, "warning", "time_s"))
-    return units, found
+                found.append(_taken(table.label, name, counted.unit, counted.why))
+    return table, units, found
+
+
+def _taken(where: str, name: str, what: str, why: str) -> Finding:
+    sentence = (
+        f"{where}: column '{name}' states no unit; it is taken as {what} ({why}). Correct it with --unit "
+        f'"{name}=s" if it is another.'
+    )
+    return Finding("unit assumed", where, sentence, "warning", "time_s")
+
+
+def _rows(table: RawTable, chosen: Mapping[str, Role], column: pd.Series, kind: Kind) -> Counted | None:
+    """Return that the clock of a motor counts rows and may be no seconds, as the speed needs many to follow a step."""
+    if kind != "motor" or not np.all(np.diff(column.to_numpy(dtype=float)) == 1.0):
+        return None
+    rows = rows_to_follow(table, chosen)
+    if rows < _SLOW_ROWS:
+        return None
+    return Counted("ms", f"it counts rows, and after a step of the voltage the speed needs {rows} of them", False)
 
 
 def _unit_by_stamps(
@@ -74,7 +100,10 @@ def _asked_unit(where: str, name: str, column: pd.Series, why: str, ask: Ask | N
     lasts = " or ".join(f"{_duration(span * by)} if in {unit}" for unit, by in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)))
     sentence = f"{where}: column '{name}' states no unit ({why}), and the log lasts {lasts}"
     if ask is None:
-        raise MeasurementError(f'{sentence}; state --unit "{name}=ms", "{name}=s" or "{name}=us".')
+        rows = " or --seconds-per-row S" if np.all(np.diff(column.to_numpy(dtype=float)) == 1.0) else ""
+        raise MeasurementError(
+            f'{sentence}; state --unit "{name}=ms", "{name}=s" or "{name}=us"{"," * bool(rows)}{rows}.'
+        )
     return ask(Question(f"{sentence}. What is it?", f'--unit "{name}=UNIT"', ("ms", "s", "us"), "ms"))
 
 
@@ -92,5 +121,6 @@ def about_unit(role: Role, elapsed: np.ndarray, where: str) -> list[Finding]:
     whole = not np.any(steps != np.round(steps))
     others = ["ms"] if whole and step >= _MAY_BE_MS and step % 60.0 else ["ms", "min"] if whole else ["min"]
     instead = " or ".join(f'--unit "{role.column}={other}"' for other in others)
+    instead += " or --seconds-per-row S" if whole and step == 1.0 else ""
     sentence = f"{where}: column '{role.column}' states no unit; it is taken as seconds ({instead})."
     return [Finding("unit assumed", where, sentence, "warning", "time_s")]

@@ -18,7 +18,7 @@ from jaxmodel.case.measurements import file_label
 from jaxmodel.case.run_csv import worth_threads
 from jaxmodel.data.tables.fields import from_lists, names_of_list, with_units
 from jaxmodel.data.tables.known_formats import maker_in
-from jaxmodel.data.tables.preamble import CLOCK, interval_of, is_sampled_so, lacks_times
+from jaxmodel.data.tables.preamble import CLOCK, interval_of, is_sampled_so, lacks_times, row_counter
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 from jaxmodel.data.tables.sniffing import MISSING, Layout, layout_of
 
@@ -55,8 +55,8 @@ def read_delimited(
     names = unique_names(layout.names)
     lists = {name: names_of_list(name, width) for name, width in zip(names, layout.widths, strict=True) if width}
     owner = {one: name for name in names for one in lists.get(name, [name])}
-    interval_s = interval_of(layout.before, layout.names, layout.units) if lacks_times(names, layout.units) else None
-    made = [] if interval_s is None else [CLOCK]
+    interval_s = interval_of(layout.before, layout.names, layout.units)
+    made = [CLOCK] if interval_s is not None and lacks_times(names, layout.units) else []
     chosen = list([*made, *owner] if keep is None else keep([*made, *owner]))
     wanted = list(dict.fromkeys(owner[one] for one in chosen if one in owner))
     remarks: list[str] = []
@@ -77,7 +77,11 @@ def read_delimited(
     # Those of columns that were not read may speak for them.
     units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame or name in left_out}
     remarks = [_form(layout), *remarks]
-    if interval_s is not None and CLOCK in chosen and not is_sampled_so(frame, interval_s):
+    if interval_s is not None and not made and (counter := row_counter(frame, units)):
+        frame = frame.assign(**{counter: interval_s * frame[counter]})
+        units[counter] = "s"
+        remarks.append(f"'{counter}' counts rows, each of the {interval_s:g} s that the head states.")
+    if interval_s is not None and made and CLOCK in chosen and not is_sampled_so(frame, interval_s):
         frame.insert(0, CLOCK, np.arange(len(frame)) * interval_s)
         units[CLOCK] = "s"
         remarks.append(

@@ -1,9 +1,9 @@
-"""The clock of a table without a column of times: the lines above it state how often it was sampled."""
+"""The clock of a table without times, or whose times count rows: the head states how often it was sampled."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -16,12 +16,11 @@ CLOCK = "Time (s)"
 _INTERVALS = frozenset(
     "sample interval|sampling interval|sample period|sampling period|sample time|sampling time|scan interval|"
     "log interval|logging interval|recording interval|interval|hresolution|increment|x increment|xincrement|xinc|"
-    "time step|timestep|dt|delta t|abtastintervall|abtastzeit|messintervall|采样间隔".split("|")
+    "time step|timestep|dt|ts|delta t|abtastintervall|abtastzeit|messintervall|采样间隔".split("|")
 )
 _RATES = frozenset(
-    "sample rate|sampling rate|samplerate|sampling frequency|sample frequency|abtastrate|abtastfrequenz|采样频率".split(
-        "|"
-    )
+    "sample rate|sampling rate|samplerate|fs|sampling frequency|sample frequency|abtastrate|abtastfrequenz|"
+    "采样频率".split("|")
 )
 _LINE = re.compile(
     r"""^[\s#"'%!]*(?P<key>[^"',;:=\t]+?)["']?\s*[,;:=\t][\s"']*(?P<number>[+]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"""
@@ -84,3 +83,13 @@ def is_sampled_so(frame: pd.DataFrame, interval_s: float) -> bool:
             if any(np.allclose(steps, scale, rtol=0.01) for scale in _SCALES):
                 return True
     return False
+
+
+def row_counter(frame: pd.DataFrame, units: Mapping[str, str]) -> str:
+    """Return the column of times that states no unit and counts rows, 0, 1, 2, ...; "" where none does."""
+    for name in frame:
+        if str(name) in units or not any(match.quantity == "time" for match in matches(str(name), "")):
+            continue
+        if frame[name].dtype.kind in "iuf" and len(frame) > 2 and np.all(np.diff(frame[name].to_numpy(float)) == 1.0):
+            return str(name)
+    return ""

@@ -159,6 +159,39 @@ def test_raw_files_are_imported_corrected_and_compared(visit: Visit, log: Path) 
     assert visitor.complaints == []
 
 
+def test_the_form_asks_for_drive_controller_and_specimens(visit: Visit, tmp_path: Path) -> None:
+    import numpy as np
+    import pandas as pd
+
+    time = 0.01 * np.arange(400)
+    table = {"time_s": time, "voltage_V": np.sin(time), "current_A": np.cos(time), "position_rad": np.sin(2.0 * time)}
+    for name in ("a_1", "b_1"):
+        pd.DataFrame(table | {"goal": np.sin(2.0 * time)}).to_csv(tmp_path / f"{name}.csv", index=False)
+    visitor = visit()
+    page = visitor.page
+    visitor.upload(tmp_path / "a_1.csv", tmp_path / "b_1.csv")
+    page.wait_for_selector("text=What was measured")
+    assert page.locator("label:has-text('Controller')").count() == 0
+    page.select_option("label:has-text('What was measured') select", "motor")
+    page.select_option("label:has-text('Controller') select", "position")
+    page.wait_for_selector("label:has-text('Gains of the controller')")
+    page.select_option("label:has-text('The load is') select", "free")
+    page.fill("label:has-text('Ambient temperature') input", "22")
+    page.fill("label:has-text('Gains of the controller') input", "k_p=5, k_q=2")
+    page.fill("label:has-text('Files of several motors') input", "A=a_*, B=b_*")
+    page.click("button:has-text('Import')")
+    page.wait_for_selector(".job [role=alert]:has-text(\"no number 'k_q'. Did you mean 'k_p'\")")
+    page.fill("label:has-text('Gains of the controller') input", "k_p=5")
+    page.click("text=Correct what was found")
+    page.fill("label:has-text('reference_position_rad') input", "goal*1")
+    visitor.picture("1-form")
+    page.click("button:has-text('Import')")
+    page.wait_for_selector("text=a controller of the position sets it")
+    assert "A" in page.inner_text(".panel table tbody tr >> nth=0")
+    visitor.picture("1-servo")
+    assert visitor.complaints == []
+
+
 def test_wrong_files_get_the_sentence_of_the_command_line(visit: Visit, tmp_path: Path, case_folder: Path) -> None:
     from jaxmodel.base.errors import UserError
     from jaxmodel.data.importing import import_case

@@ -242,6 +242,31 @@ def test_what_was_done_before_a_crash_is_not_done_again(session: Session, made_c
     assert [verb for verb, _ in session.view["script"]] == ["add", "undo"]
 
 
+def test_an_import_takes_what_a_form_sends_as_text(session: Session, tmp_path: Path) -> None:
+    time = 0.01 * np.arange(400)
+    frame = pd.DataFrame({"time_s": time, "voltage_V": 6.0 * np.sign(np.sin(3.0 * time)), "current_A": np.sin(time)})
+    files = []
+    for name in ("a_1", "b_1", "b_2"):
+        files.append(str(tmp_path / f"{name}.csv"))
+        frame.assign(speed_rad_s=100.0 * np.sin(2.9 * time), reference_speed_rad_s=100.0).to_csv(files[-1], index=False)
+    form = {
+        "ambient": "22,5", "load": "gravity", "load_numbers": "mass_kg=0.1, arm_m=0.2", "controller": "speed",
+        "controller_numbers": "k_p=0.1", "specimens": "A=a_*, B=b_*", "check": "b_2", "each_cell": "", "columns": {},
+    }  # fmt: skip
+    place = Place(session.folder)
+    assert job(place, "import", files=files, kind="motor", options=form)["state"] == "done"
+    case, options = session.view["case"], session.view["source"]["options"]
+    assert (case["load"], case["controller"]) == ("gravity", "speed")
+    assert [(run["specimen"], run["split"]) for run in case["runs"]] == [("A", "fit"), ("B", "fit"), ("B", "check")]
+    assert options["specimens"] == {"A": "a_*", "B": "b_*"}
+    assert options["controller_numbers"] == {"k_p": 0.1}
+    program = script_of(session.view)
+    assert "specimens={'A': 'a_*', 'B': 'b_*'}, check=['b_2'], ambient=22.5" in program
+    wrong = job(place, "import", files=files, kind="motor", options=form | {"controller_numbers": "k_p"})
+    assert wrong["state"] == "failed"
+    assert wrong["now"].startswith("--controller k_p: give position:NAME=VALUE")
+
+
 def test_the_script_repeats_the_session(made_case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = {"source": {"how": "case"}, "path": str(made_case), "script": [["add", ["self_heating"]], ["undo", []]]}
     program = script_of(view)

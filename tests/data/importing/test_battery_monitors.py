@@ -119,8 +119,8 @@ def test_each_cell_may_be_a_run_of_its_own(tmp_path: Path):
     ("kind", "given", "words"),
     [
         ("cell", {}, "no columns hold voltages of single cells"),
-        ("cell", {"cells_in_series": 4}, "without --cells-in-series"),
-        ("motor", {}, "it is for --kind cell"),
+        ("cell", {"cells_in_series": 4}, "remove --each-cell or --cells-in-series"),
+        ("motor", {}, "cells are parted with --kind cell"),
     ],
 )
 def test_cells_that_are_not_there_are_refused(tmp_path: Path, kind: str, given: dict, words: str):

@@ -235,7 +235,17 @@ def test_a_column_that_no_name_tells_is_asked_for(tmp_path: Path):
         (lambda f: f, {"columns": {"current_A": "I"}}, ["no file has a column 'I'"]),
         (lambda f: f, {"constants": {"load": 1.0}}, ["a cell has no column 'load'"]),
         (lambda f: f, {"sign": "positive"}, ["sign", "discharge-positive or charge-positive"]),
-        (lambda f: f, {"initial_soc": 80.0}, ["initial_soc", "0 and 1"]),
+        (lambda f: f, {"initial_soc": 80.0}, ["initial_soc", "0 and 1", "percent, state 0.8"]),
+        (lambda f: f, {"ambient": 298.15}, ["ambient: 298.15", "kelvin, state 25"]),
+        (lambda f: f, {"ambient": float("nan")}, ["ambient: nan", "correct it"]),
+        (
+            lambda f: f,
+            {"each_cell": True, "ambient": 25.0},
+            ["no columns hold voltages of single cells", "--each-cell"],
+        ),
+        (lambda f: f, {"each_cell": True, "columns": {"voltage_V": "cell_1"}}, ["--each-cell or --column voltage_V"]),
+        (lambda f: f, {"each_cell": True, "specimens": {"A": "a*"}}, ["the columns tell the cells"]),
+        (lambda f: f, {"each_cell": True, "cells_in_series": 3}, ["--each-cell or --cells-in-series"]),
         (lambda f: f, {"tempo": 1}, ["no decision 'tempo'"]),
     ],
 )
@@ -279,11 +289,16 @@ def test_decisions_and_findings_are_data(tmp_path: Path):
         ("cell", {"load": "free"}, ["a cell turns nothing", "remove --load"]),
         ("motor", {"load": "gravity", "load_numbers": {"mass": 1.0}}, ["gravity has no number 'mass'", "'mass_kg'"]),
         ("motor", {"load": "free", "load_numbers": {"c": 1.0}}, ["free has no number 'c'", "Remove it"]),
+        ("motor", {"load": "gravity", "load_numbers": {"mass_kg": -1.0}}, ["gravity: 'mass_kg' = -1", "0 to 10000 kg"]),
+        ("motor", {"load": ""}, ["there is no ''; use measured or"]),
+        ("motor", {"load": "unknown", "constants": {"load_torque_Nm": 0.0}}, ["with --load unknown", "remove one"]),
+        ("motor", {"load": "unknown", "columns": {"incline_deg": "slope"}}, ["with --load unknown", "no incline_deg"]),
+        ("motor", {"each_cell": True}, ["cells are parted with --kind cell"]),
     ],
 )
 def test_a_load_that_cannot_be_is_one_sentence(tmp_path: Path, kind, given: dict, parts: list[str]):
     path = write(tmp_path, motor_log())
-    with pytest.raises(MeasurementError) as error:
+    with pytest.raises(UserError) as error:
         import_case(path, kind, ambient=23.0, **given)
     for part in parts:
         assert part in str(error.value)

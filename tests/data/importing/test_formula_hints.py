@@ -82,3 +82,22 @@ def test_a_robot_whose_voltage_was_not_logged_lacks_its_drive_and_not_its_readin
     pd.DataFrame({"time_s": t, "left_motor_current_A": 3.0 + np.sin(t), "left_wheel_speed_m_s": 0.4}).to_csv(path)
     with pytest.raises(MeasurementError, match="no column is duty or V_set, which a robot needs"):
         import_case(path, "robot", ambient=15.0)
+
+
+def test_readings_of_a_vesc_get_the_formula_of_its_maker():
+    names = ["avgMotorCurrent", "avgInputCurrent", "rpm", "dutyCycleNow", "inpVoltage", "t"]
+    assert hint_for("speed_rad_s", "motor", dict.fromkeys(names, "")) == '--column speed_rad_s="rpm * 0.10472 / PAIRS"'
+
+
+@pytest.mark.parametrize(
+    ("names", "target", "meant"),
+    [
+        (["goal_position", "goal_velocity", "position_error"], "reference_position_rad", "goal_position"),
+        (["goal_position", "desired speed [rad/s]"], "reference_speed_rad_s", "desired speed [rad/s]"),
+        (["target current", "setpoint"], "reference_position_rad", "setpoint"),
+        (["position", "speed", "voltage"], "reference_position_rad", ""),
+    ],
+)
+def test_what_a_loop_may_follow_is_proposed(names: list[str], target: str, meant: str):
+    found = hint_for(target, "motor", dict.fromkeys(names, ""))
+    assert found == (f'--column {target}="{meant}"' if meant else "")

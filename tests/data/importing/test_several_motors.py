@@ -203,9 +203,15 @@ def test_specimens_in_files_of_their_own_are_stated_by_patterns(tmp_path: Path):
 @pytest.mark.parametrize(
     ("names", "stated", "words"),
     [
-        (("step_a", "step_c"), {"A": "*_a"}, "step_c.csv: specimen: the file is of none of them"),
+        (("step_a", "step_b", "step_c"), {"A": "*_a", "B": "*_b"}, "step_c.csv: specimen: the file is of none of them"),
         (("step_a", "step_b"), {"A": "*_a", "B": "step_*"}, "step_a.csv: specimen: the file is of A and B"),
-        (("step_a",), {"A": "*_a", "B": "*_b"}, "no file is called '*_b'"),
+        (
+            ("step_a",),
+            {"A": "*_a", "B": "*_b"},
+            "no file is called '*_b'; correct the pattern of B. The files are step_a",
+        ),
+        (("step_a", "step_b"), {"A": "*"}, "only A is stated, and there is nothing to compare it with"),
+        (("step_a", "step_b"), {"A": "", "B": "*_b"}, "A has no pattern of files"),
     ],
 )
 def test_specimens_that_do_not_fit_the_files_are_refused(tmp_path: Path, names, stated, words: str):
@@ -220,3 +226,42 @@ def test_names_that_point_to_several_motors_are_told_with_what_to_do(tmp_path: P
         if one.what == "several specimens"
     ]  # fmt: skip
     assert "--specimen" in said.sentence
+
+
+@pytest.mark.parametrize("word", ["axis{}_", "ODrive {} ", "joint{}/", "servo_{}_"])
+def test_axes_that_a_controller_numbers_are_motors(tmp_path: Path, word: str):
+    names = [word.format(n) + what for n in (0, 3) for what in ("voltage_V", "current_A", "speed_rad_s")]
+    found = imported(log(tmp_path, "ride", *names))
+    assert [run.log.name for run in found.runs] == ["ride_motor0", "ride_motor3"]
+    (said,) = [one.sentence for one in found.findings if one.what == "no check run"]
+    assert "All runs were logged together" in said
+
+
+def test_who_names_a_column_of_one_motor_gets_no_column_of_another(tmp_path: Path):
+    names = [f"axis{n}_{what}" for n in (0, 1) for what in ("voltage_V", "current_A", "speed_rad_s")]
+    path = log(tmp_path, "ride", *names)
+    second = pd.read_csv(path)
+    second[[name for name in names if "axis1" in name]] *= 2.0
+    second.to_csv(path, index=False)
+    (run,) = imported(path, columns={"current_A": "axis1_current_A"}).runs
+    for what in ("voltage_V", "current_A", "speed_rad_s"):
+        np.testing.assert_allclose(run.log.columns[what], second[f"axis1_{what}"])
+
+
+def test_the_load_that_a_servo_reports_is_no_torque(tmp_path: Path):
+    time = 0.01 * np.arange(500)
+    frame = {
+        "timestamp": time,
+        "position": np.sin(time),
+        "speed": np.cos(time),
+        "load": (150 * np.cos(time)).astype(int),
+    }
+    path = tmp_path / "servo.csv"
+    pd.DataFrame(frame | {"input_volts": 7.3}).to_csv(path, index=False)
+    options = Options(ambient=20.0, columns={"voltage_V": "load * input_volts / 885"}, load="gravity")
+    found = import_case(path, "motor", options=options, progress=False)
+    assert "load_torque_Nm" not in found.runs[0].log.columns
+    (said,) = [one.sentence for one in found.findings if one.what == "no torque"]
+    assert '--unit "load=N m"' in said
+    stated = import_case(path, "motor", options=options, units={"load": "mN m"}, progress=False)
+    assert np.nanmax(stated.runs[0].log.columns["load_torque_Nm"]) == pytest.approx(0.15)

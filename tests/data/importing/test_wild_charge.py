@@ -275,6 +275,36 @@ def test_a_guessed_capacity_is_not_held_against_a_pulse_of_any_size(tmp_path: Pa
         assert "does not tell the capacity" in sentences(one, "capacity")[0]
 
 
+@pytest.mark.parametrize("soc", [0.85, 0.6])
+@pytest.mark.parametrize("share", [0.02, 0.15, 0.4])
+@pytest.mark.parametrize("rate", [0.3, 1.0])
+def test_a_part_of_the_plateau_of_lfp_does_not_tell_the_capacity(tmp_path: Path, soc: float, share: float, rate: float):
+    """A tenth of a volt holds half of the charge: what was moved is the least, and no more is known."""
+    current = np.repeat([0.0, 100.0 * rate, 0.0], [60, int(360 * share / rate), 120])
+    moved = np.cumsum(current) * 10.0 / 3600.0
+    volts = np.round(3.25 + 0.1 * (soc - moved / 100.0) - 0.0005 * current, 4)
+    frame = pd.DataFrame({"time_s": 10.0 * np.arange(current.size), "current_A": current, "voltage_V": volts})
+    one = imported(tmp_path, log=frame, options={"sign": "discharge-positive"})
+    assert one.capacity is not None
+    assert not one.capacity_known
+    assert one.capacity.value > moved[-1]
+    assert abs(np.log(one.capacity.value / 100.0)) < 2.0 * (one.capacity.sd or 0.0) / one.capacity.value
+    (said,) = sentences(one, "capacity")
+    assert "does not tell" in said
+
+
+@pytest.mark.parametrize(("hours", "amperes"), [(1.0, 0.1), (0.5, 0.2), (2.0, -0.05)])
+def test_a_small_part_of_a_charge_that_never_rests_does_not_tell_the_capacity(
+    tmp_path: Path, hours: float, amperes: float
+):
+    log = cell([(3600.0 * hours, amperes)], 0.6)
+    one = imported(tmp_path, log=log, options={"sign": "discharge-positive"})
+    assert one.capacity is not None
+    assert abs(np.log(one.capacity.value / 2.0)) < 2.0 * (one.capacity.sd or 0.0) / one.capacity.value
+    (said,) = sentences(one, "capacity")
+    assert "does not tell" in said
+
+
 def test_the_same_log_under_two_names_is_found(tmp_path: Path):
     log = cell(FULL, 1.0)
     one = imported(tmp_path, first=log, other=cell(FULL, 0.99), second=log.assign(time_s=log.time_s + 5.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -10,40 +11,18 @@ from nicegui.element import Element
 
 from jaxmodel.app.browser.context import Context
 from jaxmodel.app.browser.html import button, counted, duration, field, h, select, size_words
+from jaxmodel.app.import_form import CONTROLLERS, DRIVES, KINDS, LOADS, Field, shown
 from jaxmodel.app.shipped import EXAMPLES
 
-# The columns that each kind of hardware may have, and what they are called on the form.
+# The columns that each kind of hardware may have.
 COLUMNS = {
     "cell": ("time_s", "current_A", "voltage_V", "cell_temperature_degC", "ambient_degC"),
-    "motor": ("time_s", "voltage_V", "current_A", "speed_rad_s", "load_torque_Nm", "winding_temperature_degC"),
-    "robot": ("time_s", "duty", "load_torque_Nm", "pack_voltage_V", "pack_current_A", "speed_rad_s"),
-}
-KINDS = {"cell": "a battery cell", "motor": "a motor", "robot": "a robot: pack, bridge and motors"}
-SIGNS = {
-    "": "found from the voltage",
-    "discharge-positive": "positive on discharge",
-    "charge-positive": "positive on charge",
-}
-LOADS = {
-    "": "the measured torque, else unknown",
-    "free": "nothing",
-    "propeller": "a propeller",
-    "gravity": "a weight on an arm",
-    "rolling": "a vehicle that rolls",
-    "unknown": "unknown, whatever the file says",
-}
-SPLITS = {
-    "auto": "at each file",
-    "rests": "at long rests too",
-    "steps": "at each cycle or step too",
-    "files": "at files only",
-}
-NUMBERS = {
-    "ambient": ("Ambient temperature [°C]", "--ambient"),
-    "capacity_Ah": ("Capacity [A h]", "--capacity"),
-    "initial_soc": ("State of charge at the start, 0 to 1", "--initial-soc"),
-    "seconds_per_row": ("Seconds per row, without a clock", "--seconds-per-row"),
-}
+    "motor": ("time_s", "voltage_V", "current_A", "speed_rad_s", "load_torque_Nm", "position_rad",
+              "winding_temperature_degC", "case_temperature_degC"),
+    "robot": ("time_s", "duty", "load_torque_Nm", "pack_voltage_V", "pack_current_A", "motor_current_A", "speed_rad_s"),
+}  # fmt: skip
+# What a controller follows.
+REFERENCES = {"position": "reference_position_rad", "speed": "reference_speed_rad_s"}
 
 
 class DropZone(Element, component="../static/drop.js"):
@@ -134,75 +113,71 @@ def _form(context: Context, source: dict[str, Any]) -> None:
     def put(name: str, value: Any) -> None:
         form[name] = value
 
-    def kind(value: str) -> None:
-        form["kind"] = value
-        context.go("")
+    def choose(name: str, value: Any) -> None:
+        """Keep a choice, and show the form anew where other fields belong to it."""
+        before = _asked(form)
+        put(name, value)
+        if _asked(form) != before:
+            context.go("")
 
     with h("div", "", "form"):
-        select("What was measured", KINDS, form["kind"], kind)
-        for name in ("ambient", "capacity_Ah", "initial_soc") if form["kind"] == "cell" else ("ambient",):
-            words, option = NUMBERS[name]
-            field(words, _text(form.get(name)), lambda v, n=name: put(n, v), option, inputmode="decimal")
-        if form["kind"] != "cell":
-            select("The load is", LOADS, str(form.get("load") or ""), lambda v: put("load", v), "--load")
+        select("What was measured", KINDS, form["kind"], lambda value: choose("kind", value))
+        for one in shown(form["kind"], True, form):
+            _ask(one, form, choose)
         with h("details"):
             h("summary", "Correct what was found")
-            select("A positive current means", SIGNS, str(form.get("sign") or ""), lambda v: put("sign", v), "--sign")
-            select(
-                "Runs begin", SPLITS, str(form.get("split_at") or "auto"), lambda v: put("split_at", v), "--split-at"
-            )
-            words, option = NUMBERS["seconds_per_row"]
-            field(words, _text(form.get("seconds_per_row")), lambda v: put("seconds_per_row", v), option)
-            held = ", ".join(form["check"]) if isinstance(form.get("check"), list | tuple) else form.get("check", "")
-            field("Held-out runs, by name", held or "", lambda v: put("check", v), "--check, several by commas")
-            field(
-                "Preset", _text(form.get("preset")), lambda v: put("preset", v), "--preset, for what files do not tell"
-            )
+            for one in shown(form["kind"], False, form):
+                _ask(one, form, put)
             columns = form.setdefault("columns", {})
-            for name in COLUMNS[form["kind"]]:
+            for name in _columns(form):
                 field(
                     name, columns.get(name, ""), lambda v, n=name: columns.__setitem__(n, v), "its column in the file"
                 )
-            units = form.get("units") or {}
-            text = ", ".join(f"{name}={unit}" for name, unit in units.items()) if isinstance(units, dict) else units
-            field("Units", text, lambda v: put("units", v), "COLUMN=UNIT, several by commas")
-        again = "Import again" if source.get("how") == "files" else "Import"
-        button(again, lambda: _import(context, form, source), "button primary", disabled=context.is_busy)
+        words = "Import again" if source.get("how") == "files" else "Import"
+        button(words, lambda: _import(context, form, source), "button primary", disabled=context.is_busy)
+
+
+def _ask(one: Field, form: dict[str, Any], put: Callable[[str, Any], None]) -> None:
+    """Show one option, and keep what is stated of it."""
+    value = _text(form.get(one.name))
+    if one.is_flag:
+        select(one.words, {"": "no", "yes": "yes"}, value, lambda v: put(one.name, v), one.hint)
+    elif one.choices is not None:
+        select(one.words, one.choices, value or next(iter(one.choices)), lambda v: put(one.name, v), one.hint)
+    else:
+        field(one.words, value, lambda v: put(one.name, v), one.hint)
+
+
+def _asked(form: dict[str, Any]) -> list[Field]:
+    """Return the options that a form asks for."""
+    return [*shown(form["kind"], True, form), *shown(form["kind"], False, form)]
+
+
+def _columns(form: dict[str, Any]) -> list[str]:
+    """Return the columns that the case of a form may have."""
+    followed = REFERENCES.get(str(form.get("controller") or "")) if form["kind"] == "motor" else None
+    return [*COLUMNS[form["kind"]], *([followed] if followed else [])]
 
 
 def _text(value: Any) -> str:
-    return "" if value is None else str(value)
+    """Return an option as a person writes it."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name}={one}" for name, one in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value))
+    return "yes" if value is True else "" if value in (None, False) else str(value)
 
 
 def _import(context: Context, form: dict[str, Any], source: dict[str, Any]) -> None:
-    """Send the form; a number that is none is said by the importer's own sentence."""
-    options: dict[str, Any] = {name: form.get(name) or None for name in ("sign", "split_at", "preset", "load")}
-    for name in NUMBERS:
-        options[name] = _number(form.get(name))
-    options["columns"] = {name: value.strip() for name, value in form.get("columns", {}).items() if value.strip()}
-    options["units"] = _pairs(form.get("units"))
-    check = form.get("check")
-    if isinstance(check, str):
-        check = [name.strip() for name in check.split(",") if name.strip()]
-    options["check"] = list(check) if check else None
+    """Send the form as it is written; what is wrong in it is said by the importer's own sentence."""
+    kind = form["kind"]
+    options: dict[str, Any] = {one.name: _text(form.get(one.name)).strip() for one in _asked(form)}
+    columns = form.get("columns", {})
+    options["columns"] = {name: columns[name].strip() for name in _columns(form) if columns.get(name, "").strip()}
     if context.session.uploads:
-        context.do("upload", kind=form["kind"], options=options)
+        context.do("upload", kind=kind, options=options)
     else:
-        context.do("import", files=source.get("paths", []), kind=form["kind"], options=options)
-
-
-def _number(text: Any) -> float | None:
-    try:
-        return float(str(text).replace(",", ".")) if text not in (None, "") else None
-    except ValueError:
-        return None
-
-
-def _pairs(given: Any) -> dict[str, str]:
-    if isinstance(given, dict):
-        return given
-    parts = [part.partition("=") for part in str(given or "").split(",")]
-    return {name.strip(): value.strip() for name, equals, value in parts if equals}
+        context.do("import", files=source.get("paths", []), kind=kind, options=options)
 
 
 def _summary(context: Context) -> None:
@@ -213,17 +188,22 @@ def _summary(context: Context) -> None:
     held = len(case["runs"]) - fit
     kind = KINDS[case["kind"]]
     h("p", f"{kind[:1].upper()}{kind[1:]}: {counted(fit, 'fitted run')}, {held} held out.", "lead")
+    if said := _said(case):
+        h("p", f"{'; '.join(said)}.", "soft")
     imported = context.view.get("imported")
     if imported:
         _findings(imported)
+    several = any(run.get("specimen") for run in case["runs"])
     with h("div", "", "wide"), h("table"):
         with h("thead"), h("tr"):
-            for words in ("run", "", "rows", "duration", "conditions"):
+            for words in ("run", *(["of"] if several else []), "", "rows", "duration", "conditions"):
                 h("th", words, "n" if words in ("rows", "duration") else "")
         with h("tbody"):
             for run in case["runs"]:
                 with h("tr"):
                     h("td", run["name"])
+                    if several:
+                        h("td", run["specimen"])
                     with h("td"):
                         h("span", "held out" if run["split"] == "check" else "fitted", f"tag of-{run['split']}")
                     h("td", f"{run['rows']:,}", "n")
@@ -237,6 +217,14 @@ def _summary(context: Context) -> None:
                     h("li", f"{one['name']} = {one['text']}")
     if context.stage == "opened":
         button("Compare with the model", lambda: _compare(context), "button primary", disabled=context.is_busy)
+
+
+def _said(case: dict[str, Any]) -> list[str]:
+    """Return what a case says of its load, drive and controller, in words."""
+    of = (("load", "the load is ", LOADS), ("drive", "the drive sets ", DRIVES))
+    said = [f"{before}{words[case[name]]}" for name, before, words in of if case.get(name)]
+    said += [f"a controller {CONTROLLERS[case['controller']]} sets it"] if case.get("controller") else []
+    return [f"{one[:1].upper()}{one[1:]}" if place == 0 else one for place, one in enumerate(said)]
 
 
 def _compare(context: Context) -> None:

@@ -73,8 +73,7 @@ def script_of(view: dict[str, Any]) -> str:
     names += ["parameterise"] if source["how"] == "files" and source.get("parameterised") else []
     lines += [f"from jaxmodel import {', '.join(names)}", ""]
     if source["how"] == "files":
-        given = {name: value for name, value in source["options"].items() if value not in (None, "", {}, [])}
-        options = "".join(f", {name}={value!r}" for name, value in given.items())
+        options = "".join(f", {name}={value!r}" for name, value in source["options"].items())
         files = ", ".join(repr(name) for name in source["files"])
         lines.append(f"imported = import_case([{files}], {source['kind']!r}{options})")
         case = "parameterise(imported.case).case" if source.get("parameterised") else "imported.case"

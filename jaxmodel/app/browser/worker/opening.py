@@ -17,6 +17,7 @@ from jaxmodel.base import toml
 from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.case.measurements import KINDS, read_utf8
 from jaxmodel.data.importing import Options, import_case
+from jaxmodel.data.importing.written import options_of
 from jaxmodel.parameterisation import parameterise
 
 _CODE = re.compile(r"\.pyc?(:|$)", re.IGNORECASE)
@@ -58,7 +59,7 @@ def import_files(place: Place, progress: Progress, files: Sequence[str], kind: s
         progress: of the job.
         files: on this machine.
         kind: "cell", "motor" or "robot".
-        options: decisions of the user, by the names of `jaxmodel.data.importing.Options`.
+        options: decisions of the user, as `jaxmodel.data.importing.written` takes them.
 
     Raises:
         UserError: a file cannot be used, or something is open that only the user can tell.
@@ -67,10 +68,10 @@ def import_files(place: Place, progress: Progress, files: Sequence[str], kind: s
         raise MeasurementError(f"kind: there is no '{kind}'; use {', '.join(KINDS)}.")
     known = {field.name for field in dataclasses.fields(Options)}
     given = {name: value for name, value in options.items() if name in known and value not in (None, "", {}, [])}
-    given |= {name: tuple(given[name]) for name in ("check", "flip") if name in given}
     if _is_path(str(given.get("preset", ""))):
         raise MeasurementError("preset: name one of the presets that jaxmodel ships; a path is not read here.")
-    imported = import_case(files, cast(Any, kind), options=Options(**given), progress=progress)
+    stated = options_of(given)
+    imported = import_case(files, cast(Any, kind), options=stated, progress=progress)
     progress("checking the case")
     imported.check()
     progress(f"writing {len(imported.runs)} runs")
@@ -78,7 +79,13 @@ def import_files(place: Place, progress: Progress, files: Sequence[str], kind: s
     path = imported.write(place.folder / CASE)
     names = [Path(file).name for file in files]
     source = {"how": "files", "name": imported.title, "files": names, "paths": list(files), "kind": kind}
-    place.opened(path, source | {"options": dict(options)}, import_view(imported))
+    place.opened(path, source | {"options": _changed(stated)}, import_view(imported))
+
+
+def _changed(options: Options) -> dict[str, Any]:
+    """Return the options that are not as by default, as JSON holds them."""
+    unstated = dataclasses.asdict(Options())
+    return {name: value for name, value in dataclasses.asdict(options).items() if value != unstated[name]}
 
 
 def parameterised(place: Place, progress: Progress) -> None:

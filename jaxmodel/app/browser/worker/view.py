@@ -25,7 +25,7 @@ from jaxmodel.base.units import readable, split_unit
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case
 from jaxmodel.data.importing import Imported
-from jaxmodel.data.importing.imported import shortened
+from jaxmodel.data.importing.imported import sentences, shortened
 from jaxmodel.diagnosis import Investigation
 from jaxmodel.diagnosis.headline import undetectable
 from jaxmodel.diagnosis.opening import opening
@@ -44,7 +44,7 @@ _TIMES = ((6 * 3600.0, 1.0 / 3600.0, "h"), (1200.0, 1.0 / 60.0, "min"))
 
 
 def case_view(case: Case) -> dict[str, Any]:
-    """Return a case's title, runs, channels and inputs."""
+    """Return a case's title, what it says of load and drive, runs, channels and inputs."""
     longest = max(float(run.measured.time_s[-1] - run.measured.time_s[0]) for run in case.runs)
     time = next(({"factor": f, "unit": u} for least, f, u in _TIMES if longest > least), {"factor": 1.0, "unit": "s"})
     readings = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
@@ -52,11 +52,15 @@ def case_view(case: Case) -> dict[str, Any]:
     return {
         "title": case.title,
         "kind": case.kind,
+        "load": case.load,
+        "drive": case.servo.drive,
+        "controller": case.servo.controller,
         "time": time,
         "runs": [
             {
                 "name": run.name,
                 "split": run.split,
+                "specimen": run.specimen,
                 "label": run.label,
                 "rows": int(run.measured.time_s.size),
                 "duration_s": float(run.measured.time_s[-1] - run.measured.time_s[0]),
@@ -77,12 +81,11 @@ def case_view(case: Case) -> dict[str, Any]:
 def import_view(imported: Imported) -> dict[str, Any]:
     """Return what an import decided and found, in sentences."""
     decided = shortened([one for one in imported.decisions if one.about not in ("reading", "clock", "convention")])
-    warned = dict.fromkeys(one.sentence for one in imported.findings if one.weight == "warning")
-    noted = dict.fromkeys(one.sentence for one in imported.findings if one.weight != "warning")
+    noted = sentences(one for one in imported.findings if one.weight != "warning")
     return {
         "decided": decided[:_MOST_LINES],
-        "warned": list(warned)[:_MOST_LINES],
-        "noted": list(noted)[:_MOST_LINES],
+        "warned": imported.warned()[:_MOST_LINES],
+        "noted": noted[:_MOST_LINES],
         "missing": imported.missing(),
     }
 

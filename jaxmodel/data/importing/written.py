@@ -1,0 +1,100 @@
+"""Options of an import as a person writes them, in a shell or on a form, as `Options`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.data.importing.options import Options
+
+# What a pair of each option is, by the name of its field.
+PAIRS = {
+    "columns": 'NAME="COLUMN"',
+    "units": "COLUMN=UNIT",
+    "constants": "NAME=VALUE",
+    "specimens": "NAME=PATTERN",
+    "load_numbers": "LAW:NAME=VALUE,NAME=VALUE",
+    "controller_numbers": "position:NAME=VALUE,NAME=VALUE",
+}
+LISTS = ("motors", "check", "flip", "sheet")
+_OF_NUMBERS = ("constants", "load_numbers", "controller_numbers")
+NUMBERS = ("rest_minutes", "ambient", "initial_soc", "capacity_Ah", "seconds_per_row")
+FLAGS = ("each_cell",)
+COUNTS = ("cells_in_series", "parallel_cells")
+# Options of the command that are not called as their field.
+_CALLED = {
+    "columns": "column", "units": "unit", "constants": "constant", "specimens": "specimen", "motors": "motor",
+    "capacity_Ah": "capacity", "load_numbers": "load", "controller_numbers": "controller",
+}  # fmt: skip
+
+
+def option_of(name: str) -> str:
+    """Return the option of the command that a field of `Options` has: "--specimen" of `specimens`."""
+    return f"--{_CALLED.get(name, name).replace('_', '-')}"
+
+
+def options_of(given: Mapping[str, Any]) -> Options:
+    """Return options of which some are texts.
+
+    Args:
+        given: by field of `Options`, its value or a text: pairs and lists as lists of texts or one text with commas, a
+            load or controller with its numbers as "gravity:mass_kg=0.5,arm_m=0.1"; None for what is not given.
+
+    Raises:
+        MeasurementError: a text is not of its form, or a name is given twice.
+    """
+    given = {name: value for name, value in given.items() if value is not None}
+    for name in ("load", "controller"):
+        said, colon, numbers = str(given.get(name, "")).partition(":")
+        if colon:
+            given |= {name: said.strip(), f"{name}_numbers": numbers}
+    taken: dict[str, Any] = {}
+    for name, value in given.items():
+        if name in PAIRS and not isinstance(value, Mapping):
+            value = _pairs(_several(value), option_of(name), PAIRS[name])
+        if name in _OF_NUMBERS:
+            value = {key: _number(one, f"{option_of(name)} {key}") for key, one in value.items()}
+        if name in LISTS:
+            value = tuple(_several(cast(Any, value)))
+        if name in NUMBERS:
+            value = _number(value, option_of(name))
+        if name in COUNTS:
+            value = _count(value, option_of(name))
+        if name in FLAGS:
+            value = value in (True, "yes")
+        taken[name] = value
+    return Options(**taken)
+
+
+def _several(value: str | Sequence[str]) -> list[str]:
+    parts = value.split(",") if isinstance(value, str) else value
+    return [part.strip() for part in parts if part.strip() or not isinstance(value, str)]
+
+
+def _pairs(texts: Sequence[str], option: str, form: str) -> dict[str, str]:
+    """Return NAME=VALUE as names with values."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name:
+            raise MeasurementError(f"{option} {text}: give {form}.")
+        if name in found:
+            other = "; a pattern such as 'm[12]_*' is of several files" if option == "--specimen" else ""
+            raise MeasurementError(f"{option}: {name} is given twice{other}; keep one of them.")
+        found[name] = value.strip("\"'")
+    return found
+
+
+def _number(value: Any, option: str) -> float:
+    try:
+        return float(value.replace(",", ".") if isinstance(value, str) else value)
+    except ValueError:
+        raise MeasurementError(f"{option}: '{value}' is not a number; correct it.") from None
+
+
+def _count(value: Any, option: str) -> int:
+    number = _number(value, option)
+    if number != round(number):
+        raise MeasurementError(f"{option}: {value} is a count; give a whole number.")
+    return int(number)
