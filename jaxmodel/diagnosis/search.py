@@ -368,15 +368,23 @@ class Search(Comparison):
         return model
 
     def _in_place_of(self, model: tuple[str, ...], label: str) -> tuple[tuple[str, ...], list[str]]:
-        """Return a model without an addition, and the best effects and faults that do its work where it is."""
+        """Return a model without an addition, and the best effects and faults that could do its work.
+
+        They are the best where it is, and the best without it: an exchange current has no place at which it is nothing.
+        """
         cache, fit = self.cache, self.cache.fit(model)
         lacking = tuple(one for one in model if one != label)
         of_label = set(cache.space.layout.of[label])
         gains = cache.scores(model).in_place_of(
             {at for at, place in enumerate(fit.spec.free) if place in of_label}, fit
         )
-        alike = [one for one in gains if _alike(cache, one) and one not in model and self.may_enter(lacking, one)]
-        return lacking, sorted(alike, key=lambda one: -gains[one])[:MOST_IN_PLACE]
+
+        def may_replace(one: str) -> bool:
+            return _alike(cache, one) and one not in model and self.may_enter(lacking, one)
+
+        alike = sorted(filter(may_replace, gains), key=lambda one: -gains[one])[:MOST_IN_PLACE]
+        without = [one.label for one in cache.scores(lacking).gains() if may_replace(one.label)][:1]
+        return lacking, list(dict.fromkeys((*without, *alike)))
 
     def _exchanged(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
         """Return the model with an addition exchanged for another where that has more evidence, beside curves too.
@@ -394,8 +402,9 @@ class Search(Comparison):
                 odds = against - of_label - cache.settings.least_odds  # one of them is there: the likelier stands
                 if not self.better(other, cache.fit(model), odds):
                     continue
-                beside = [cache.fit(one, "beside") for one in (other.added, model)]
-                if not self.is_exact(other) and not self.better(beside[0], beside[1], odds):
+                # A curve that is one of the two would stand in for it.
+                beside = cache.fit(other.added, "beside", (label,)), cache.fit(model, "beside", (rival,))
+                if not self.is_exact(other) and not self.better(*beside, odds):
                     continue
                 if self._test(other, cache.fit(lacking), rival).plausible:
                     cache.report(f"replacing {label} by {rival}")
