@@ -18,7 +18,7 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.case.specimens import difference_label, runs_of
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.differences import DIFFERENCES
-from jaxmodel.effects.drive import BACK_DRIVING, LOST_MOTION, REVERSING
+from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, LOST_MOTION, REVERSING
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
@@ -50,6 +50,7 @@ _LEAST_K = 5.0
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
 # Load and speed, and the share of rows in which power must flow each way to tell what rubs from what is lost. Assumed.
 _POWER, _BOTH_WAYS = ("load_torque_Nm", "speed_rad_s"), 0.02
+_STAGES = ("winding_temperature_degC", "case_temperature_degC")
 # A run shows what a reversal does if it has so many, at speeds above this share of the largest, and rows no farther
 # apart in s: a rotor turns round in some 10 ms. Assumed.
 _REVERSALS, _MOVES, _FOLLOWED_S = 4, 0.02, 0.05
@@ -253,6 +254,8 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
         fitted = [run for run in case.runs if run.split == "fit"]
         seen = [run for run in fitted if cls.distinguished_by == REVERSING or "position_rad" in run.measured.outputs]
         return any(_reverses(run) for run in seen)
+    if cls.distinguished_by == BOTH_TEMPERATURES:
+        return _tells_heat_apart([run for run in case.runs if run.split == "fit"])
     common = case.parameters.get(cls.distinguished_by)
     values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
@@ -266,6 +269,15 @@ def _reverses(run: Run) -> bool:
         return False
     moving = speed[np.abs(np.nan_to_num(speed)) > _MOVES * float(np.nanmax(np.abs(speed)))]
     return int(np.count_nonzero(np.diff(np.sign(moving)))) >= _REVERSALS
+
+
+def _tells_heat_apart(runs: list[Run]) -> bool:
+    """Return True if winding and case are read in a run, and the motor runs at speeds that differ in these runs."""
+    columns = [run.measured.inputs | run.measured.outputs for run in runs if set(_STAGES) <= set(run.measured.outputs)]
+    speeds = [np.abs(of_run[_POWER[1]]) for of_run in columns if _POWER[1] in of_run]
+    at = np.concatenate([np.zeros(0), *speeds])
+    largest = float(np.nanmax(at, initial=0.0))
+    return largest > 0.0 and float(np.nanstd(at)) > _LEAST_SPAN * largest
 
 
 def _drives_back(run: Run) -> bool:

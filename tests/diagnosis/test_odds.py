@@ -59,6 +59,8 @@ bridge_dead_time              -      -   7.37  rare
 brush_current_drop            -   6.69   7.37  rare
 directional_friction          -   6.69   7.37  rare
 gear_friction                 -   6.69   7.37  rare
+heat_path                     -   6.69   7.37  rare
+iron_loss                     -   6.69   7.37  rare
 torque_friction               -   6.69   7.37  rare
 backlash                      -   6.69      -  rare
 compliance                    -   6.69      -  rare
