@@ -14,9 +14,10 @@ ROBOT = ("robot",)
 REFERENCE_DEGC = 20.0
 DIRECTION_RAD_S = 1.0  # a rotor faster than this has a direction
 # What runs must show for an effect to be told from others: power that flows both ways between motor and load; motion
-# both ways, in a position that is read or not; the temperatures of winding and case, at speeds that differ.
+# both ways, in a position that is read or not; the temperatures of winding and case, at speeds that differ. And a motor
+# must have brushes for what they do.
 BACK_DRIVING, REVERSING, LOST_MOTION = "back-driving", "reversing", "lost motion"
-BOTH_TEMPERATURES = "both temperatures"
+BOTH_TEMPERATURES, BRUSHES = "both temperatures", "brushes"
 DIRECTION_DUTY = 0.02  # so has a bridge with more duty than this
 
 
@@ -70,6 +71,7 @@ class BrushDrop(Effect):
     name: ClassVar[str] = "brush_drop"
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "V_M -= V_b tanh(i_a/0.1)"
+    distinguished_by: ClassVar[str] = BRUSHES
     V_b: Scalar = parameter(
         0.5, unit="V", meaning="drop over both brushes", null=0.0, lower=0.0, upper=5.0, typical=(0.1, 1.5)
     )
@@ -413,6 +415,7 @@ class BrushCurrentDrop(Effect):
     rare: ClassVar[bool] = True
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "V_M -= V_l asinh(i_a/i_b)"
+    distinguished_by: ClassVar[str] = BRUSHES
     V_l: Scalar = parameter(
         0.1,
         unit="V",

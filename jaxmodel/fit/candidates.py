@@ -18,7 +18,7 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.case.specimens import difference_label, runs_of
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.differences import DIFFERENCES
-from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, LOST_MOTION, REVERSING
+from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, BRUSHES, LOST_MOTION, REVERSING
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
@@ -248,6 +248,8 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
     """Return True if runs differ in what tells an effect from a calibration: a parameter, or the way of power."""
     if not cls.distinguished_by:
         return True
+    if cls.distinguished_by == BRUSHES:
+        return not case.brushless
     if cls.distinguished_by == BACK_DRIVING:
         return case.load == "gravity" or any(_drives_back(run) for run in case.runs if run.split == "fit")
     if cls.distinguished_by in (REVERSING, LOST_MOTION):

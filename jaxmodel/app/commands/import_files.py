@@ -27,6 +27,7 @@ def import_files(
     pairs: Mapping[str, Sequence[str]],
     load: str | None = None,
     controller: str | None = None,
+    brushless: str | None = None,
     answer_only: bool = False,
     force: bool = False,
     **decisions: Any,
@@ -40,6 +41,7 @@ def import_files(
         pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`, `specimen`.
         load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
         controller: "position" or "speed" with its gains, as "position:k_p=40,k_d=0.2,limit=10".
+        brushless: "rms" or "peak" with constants, as "rms:R_line_to_line_ohm=0.1,KV_rpm_per_V=170".
         answer_only: leaves out the pictures.
         force: writes over a case that was edited since it was imported.
         decisions: other fields of `jaxmodel.data.importing.Options`.
@@ -51,12 +53,15 @@ def import_files(
         raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
     constants = [_pair(text, "constant") for text in pairs["constant"]]
     law, of_law = _with_numbers(load, "load")
+    current, of_phases = _with_numbers(brushless, "brushless")
     loop, gains = _with_numbers(controller, "controller")
     options = Options(
         load=law,
         load_numbers=of_law,
         controller=loop,
         controller_numbers=gains,
+        brushless=current,
+        brushless_numbers=of_phases,
         columns=dict(_pair(text, "column") for text in pairs["column"]),
         units=dict(_pair(text, "unit") for text in pairs["unit"]),
         specimens=dict(_pair(text, "specimen") for text in pairs.get("specimen", ())),

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, instead, nearest
 from jaxmodel.base.progress import Stage, stages
+from jaxmodel.case.brushless import WAYS
 from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, OPEN, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import ageing, balance, charge, warm_start
@@ -117,6 +118,11 @@ def _check_kind(kind: Kind, options: Options) -> None:
             raise MeasurementError(f"load: {options.load} has no number '{name}'.{instead(name, known)}")
     if kind != "motor" and options.servo != OPEN:
         raise MeasurementError(f"drive: that of a {kind} is not modelled; remove --drive and --controller.")
+    if kind == "cell" and options.brushless:
+        raise MeasurementError("brushless: a cell turns nothing; remove --brushless.")
+    for name in options.brushless_numbers:
+        if name not in (constants := set().union(*WAYS.values())):
+            raise MeasurementError(f"brushless: a motor has no constant '{name}'.{instead(name, constants)}")
     gains = describe(CONTROLLERS[options.controller]) if options.controller else {}
     for name in options.controller_numbers:
         if name not in gains:

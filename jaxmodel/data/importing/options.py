@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Literal, get_args
 
 from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.case.brushless import FACTOR
 from jaxmodel.case.measurements import COLUMNS_OF_LAWS, REFERENCES, SET_BY, Servo
 
 Kind = Literal["cell", "motor", "robot"]
@@ -40,6 +41,8 @@ class Options:
         drive: of a motor: "current" or "voltage", what its drive sets; None for what the columns say.
         controller: of a motor: "position" or "speed", of a closed loop.
         controller_numbers: its gains, by name: `{"k_p": 40.0, "k_d": 0.2, "limit": 10.0}`.
+        brushless: of a brushless motor, what its current is: "rms" or "peak" (i_q) of a phase.
+        brushless_numbers: its constants, by name: `{"R_line_to_line_ohm": 0.1, "KV_rpm_per_V": 170.0}`.
         constants: by input of the case, a value that holds throughout (`load_torque_Nm`: 0.0).
         initial_soc: state of charge at the start of all runs.
         capacity_Ah: capacity of the cell.
@@ -79,6 +82,8 @@ class Options:
     drive: str | None = None
     controller: str | None = None
     controller_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    brushless: str | None = None
+    brushless_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
     constants: Mapping[str, float] = dataclasses.field(default_factory=dict)
     initial_soc: float | None = None
     capacity_Ah: float | None = None
@@ -112,6 +117,7 @@ def checked(options: Options) -> Options:
         ("load", options.load, ("measured", "unknown", *COLUMNS_OF_LAWS)),
         ("drive", options.drive, tuple(SET_BY)),
         ("controller", options.controller, tuple(REFERENCES)),
+        ("brushless", options.brushless, tuple(FACTOR)),
     ):
         if given is not None and given not in known:
             words = " or ".join(known)
