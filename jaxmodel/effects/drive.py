@@ -7,17 +7,19 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from jaxmodel.model.declaration import Scalar, parameter
-from jaxmodel.model.ports import Effect, MotorContext
+from jaxmodel.model.flow import Flow, State, relaxation
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import CellContext, Effect, MotorContext
 
 MOTOR = ("motor", "robot")
 ROBOT = ("robot",)
 REFERENCE_DEGC = 20.0
 DIRECTION_RAD_S = 1.0  # a rotor faster than this has a direction
 # What runs must show for an effect to be told from others: power that flows both ways between motor and load; motion
-# both ways, in a position that is read or not; the temperatures of winding and case, at speeds that differ. And a motor
-# must have brushes for what they do.
+# both ways, in a position that is read or not; the temperatures of winding and case, at speeds that differ; or a
+# voltage, in rows that follow it. And a motor must have brushes for what they do.
 BACK_DRIVING, REVERSING, LOST_MOTION = "back-driving", "reversing", "lost motion"
-BOTH_TEMPERATURES, BRUSHES = "both temperatures", "brushes"
+BOTH_TEMPERATURES, BRUSHES, FAST_VOLTAGE = "both temperatures", "brushes", "fast voltage"
 DIRECTION_DUTY = 0.02  # so has a bridge with more duty than this
 
 
@@ -440,6 +442,38 @@ class BrushCurrentDrop(Effect):
     def armature_voltage_drop(self, value: Scalar, context: MotorContext) -> Scalar:
         """Lose the drop."""
         return value + self.V_l * jnp.arcsinh(context.current_A / self.i_b)
+
+
+class CommandDelay(Effect):
+    """The voltage of the winding follows its command late, by a first-order lag: filters, and a slow bridge.
+
+    A pure delay is `clock_shift`: in an open loop a command that acts late and readings that come late are one. What
+    lags here is within a controller's loop too.
+    """
+
+    name: ClassVar[str] = "command_delay"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = ("motor",)
+    equation: ClassVar[str] = "V_M = y, tau dy/dt = V - y"
+    distinguished_by: ClassVar[str] = FAST_VOLTAGE
+    tau: Scalar = parameter(
+        0.02, unit="s", meaning="time constant", null=0.0, lower=0.0, upper=100.0, typical=(0.005, 0.1)
+    )
+
+    def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
+        """Begin at the voltage of the first row, 0 under a controller."""
+        return {f"{self.name}.voltage_V": jnp.zeros(())}
+
+    def bridge_voltage(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Give what has come through."""
+        return jnp.where(self.tau > 0.0, context.state[f"{self.name}.voltage_V"], value)
+
+    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
+        """Follow the command."""
+        if motor is None:
+            return {}
+        lag = jnp.where(self.tau > 0.0, self.tau, 1.0)
+        return {f"{self.name}.voltage_V": relaxation(motor.pack_voltage_V, lag)}
 
 
 class BridgeDeadTime(Effect):

@@ -18,7 +18,7 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.case.specimens import difference_label, runs_of
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.differences import DIFFERENCES
-from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, BRUSHES, LOST_MOTION, REVERSING
+from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, BRUSHES, FAST_VOLTAGE, LOST_MOTION, REVERSING
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
@@ -258,6 +258,8 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
         return any(_reverses(run) for run in seen)
     if cls.distinguished_by == BOTH_TEMPERATURES:
         return _tells_heat_apart([run for run in case.runs if run.split == "fit"])
+    if cls.distinguished_by == FAST_VOLTAGE:
+        return any(_follows_voltage(run) for run in case.runs if run.split == "fit")
     common = case.parameters.get(cls.distinguished_by)
     values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
@@ -271,6 +273,12 @@ def _reverses(run: Run) -> bool:
         return False
     moving = speed[np.abs(np.nan_to_num(speed)) > _MOVES * float(np.nanmax(np.abs(speed)))]
     return int(np.count_nonzero(np.diff(np.sign(moving)))) >= _REVERSALS
+
+
+def _follows_voltage(run: Run) -> bool:
+    """Return True if a voltage drives a rotor that is free to follow it, in rows that show how."""
+    driven = "voltage_V" in run.measured.inputs and "speed_rad_s" not in run.measured.inputs
+    return driven and float(np.median(np.diff(run.measured.time_s))) <= _FOLLOWED_S
 
 
 def _tells_heat_apart(runs: list[Run]) -> bool:

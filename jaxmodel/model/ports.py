@@ -114,7 +114,7 @@ SENSOR_PORTS = {
 }
 PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
 """By the name of each port, the value that a method of that name receives and returns."""
-_HOOKS = {"initial_state", "flows"}
+_HOOKS = {"initial_state", "flows", "longest_step_s"}
 
 
 class Effect(InShort, eqx.Module):

@@ -57,7 +57,7 @@ def lost(profile: Profile, *effects: Effect) -> np.ndarray:
 
 def test_rare_effects_come_last():
     assert list(CATALOGUE)[-len(RARE) :] == RARE
-    assert len(RARE) == 23
+    assert len(RARE) == 24
     assert not any(cls.rare for name, cls in CATALOGUE.items() if name not in RARE)
 
 

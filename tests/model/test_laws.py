@@ -19,7 +19,6 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.electrothermal import Model, read
 from jaxmodel.model.motor import BENDING
@@ -36,8 +35,8 @@ BRUSHES = ("brush_drop", "brush_current_drop")
 
 
 def effects_of(kind: str) -> list[str]:
-    """All but the brushes, whose grid is another, sensors, which carry no energy, and laws of the load (test_loads)."""
-    physical = {name: cls for name, cls in CATALOGUE.items() if cls not in LAWS.values() and not cls.is_sensor}
+    """All but brushes, whose grid is another, sensors, which carry no energy, and what a case states."""
+    physical = {name: cls for name, cls in CATALOGUE.items() if cls.is_candidate and not cls.is_sensor}
     return [name for name, cls in physical.items() if kind in cls.kinds and name not in BRUSHES]
 
 
