@@ -74,7 +74,7 @@ def motor_thermal(
             else:
                 through = power
                 if share and over_case is not None and rows.winding_degC is not None:
-                    through = _filled(rows.time_s, rows.winding_degC - rows.case_degC) / over_case
+                    through = _over_steps(_filled(rows.time_s, rows.winding_degC - rows.case_degC)) / over_case
                 power = power + share * (through - power) + np.abs(speed * iron(speed))
             parts.append((rows, rise, power, follows))
         if not parts:
@@ -105,6 +105,11 @@ def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.interp(time_s, time_s[there], values[there])
 
 
+def _over_steps(values: np.ndarray) -> np.ndarray:
+    """Return the means over the steps that end at each row of what is read at rows."""
+    return np.append(values[:1], 0.5 * (values[1:] + values[:-1]))
+
+
 def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> tuple[list[Extraction], pd.DataFrame]:
     """Return resistance and time constant of one step of the chain, of which one or both may be known."""
 
@@ -118,7 +123,7 @@ def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> t
         for rows, rise, power, follows in parts:
             there = np.isfinite(rise)
             if follows.any():
-                rise = rise + follows - lagged(rows.time_s, follows.copy(), tau, first=follows[0])
+                rise = rise + follows - lagged(rows.time_s, _over_steps(follows), tau, first=follows[0])
             decay = lagged(rows.time_s, np.zeros(rows.time_s.size), tau, first=1.0)[there]
             share = decay / (1.0 + float(decay @ decay))
             x, y = lagged(rows.time_s, power.copy(), tau)[there], rise[there] - float(rise[there][0]) * decay
