@@ -33,7 +33,7 @@ GROUPS = {
     ),
     motion: (
         "Motion both ways",
-        "Tried where a run reverses four times and more, in rows of 50 ms at most.",
+        "Tried where a run reverses four times and more, in rows of 50 ms at most; a case states `flexible_shaft`.",
     ),
     sensors: (
         "Sensors",

@@ -74,8 +74,10 @@ def _of_motor(motor: Motor, load_torque_Nm: Scalar, count: Scalar | float) -> di
     context, nothing = motor.context, jnp.zeros(())
     current, speed = context.current_A, context.speed_rad_s
     drop = fold(motor.effects, "armature_voltage_drop", nothing, context)
-    coulomb = jnp.sign(speed) * fold(motor.effects, "coulomb_torque", context.parameters.tau_0, context)
-    friction = coulomb + fold(motor.effects, "friction_torque", nothing, context)
+    friction = jnp.sign(speed) * fold(motor.effects, "coulomb_torque", context.parameters.tau_0, context)
+    friction += fold(motor.effects, "friction_torque", nothing, context)
+    friction += jnp.sign(speed) * fold(motor.effects, "iron_friction", nothing, context)
+    friction += fold(motor.effects, "iron_drag", nothing, context)
     ideal = motor.torque_constant * current
     magnetic = ideal - fold(motor.effects, "motor_torque", ideal, context)
     gear = motor.load_torque_Nm - load_torque_Nm

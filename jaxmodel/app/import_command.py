@@ -47,6 +47,14 @@ Controller = Annotated[
         show_default=False,
     ),
 ]
+Brushless = Annotated[
+    str | None,
+    typer.Option(
+        metavar="rms|peak:R_phase_ohm=VALUE,...",
+        help="Of a brushless motor: what its phase current is.",
+        show_default=False,
+    ),
+]
 Rows = Annotated[
     str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
 ]
@@ -120,6 +128,7 @@ def import_(
     load: Load = None,
     drive: Drive = None,
     controller: Controller = None,
+    brushless: Brushless = None,
     rows: Rows = None,
     sign: Sign = None,
     flip: Flip = None,
@@ -158,6 +167,7 @@ def import_(
         load=load,
         drive=drive,
         controller=controller,
+        brushless=brushless,
         rows=rows,
         sign=sign,
         flip=flip,

@@ -28,6 +28,7 @@ LOADS = {
     "unknown": "unknown, whatever the file says",
 }
 DRIVES = {"": "what the columns say", "voltage": "the voltage", "current": "the current"}
+BRUSHLESS = {"": "none: it has brushes", "rms": "the RMS of a phase", "peak": "the amplitude of a phase"}
 CONTROLLERS = {"": "none", "position": "of the position", "speed": "of the speed"}
 SPLITS = {
     "auto": "at each file",
@@ -90,6 +91,9 @@ FIELDS = (
     Field("controller", "Controller", "controller", ("motor",), CONTROLLERS, is_usual=True),
     Field("controller_numbers", "Gains of the controller", "controller", ("motor",), is_usual=True,
           needs=("controller", ("position", "speed")), form="k_p=10, k_d=0.2, limit=10"),
+    Field("brushless", "Current of a brushless motor", "brushless", _TURNS, BRUSHLESS),
+    Field("brushless_numbers", "Constants of the brushless motor", "brushless", _TURNS,
+          needs=("brushless", ("rms", "peak")), form="R_line_to_line_ohm=0.1, KV_rpm_per_V=170"),
     Field("specimens", "Files of several motors or cells", "specimen", ("cell", "motor"), is_usual=True,
           form="A=motorA_*, B=motorB_*"),
     Field("each_cell", "Each cell of a module is a run", "each_cell", ("cell",), is_flag=True),

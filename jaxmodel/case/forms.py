@@ -255,6 +255,25 @@ class EffectEntry(Form):
     column: str | None = None
 
 
+class PositiveEntry(KnownEntry):
+    """A number above 0, exact or with a standard deviation."""
+
+    value: Positive
+
+
+class BrushlessEntry(Form):
+    """`[brushless]`: what a current of a brushless motor is, and constants of a phase or between two lines."""
+
+    current: Literal["rms", "peak"]
+    R_phase_ohm: PositiveEntry | None = None
+    R_line_to_line_ohm: PositiveEntry | None = None
+    L_phase_H: PositiveEntry | None = None
+    L_line_to_line_H: PositiveEntry | None = None
+    KV_rpm_per_V: PositiveEntry | None = None
+    Nm_per_A_rms: PositiveEntry | None = None
+    Nm_per_A_peak: PositiveEntry | None = None
+
+
 class SpecimenEntry(Form):
     """`[specimens.NAME]`: what one of several motors or cells has of its own; any further key is a parameter."""
 
@@ -319,6 +338,7 @@ class CaseEntry(Form):
     load: Literal["measured", "unknown", "free", "propeller", "gravity", "rolling"] | None = None
     drive: Literal["voltage", "current"] | None = None
     controller: Literal["position", "speed"] | None = None
+    brushless: BrushlessEntry | None = None
     preset: str = "paper"
     parameters: ParametersEntry = ParametersEntry()
     effects: dict[str, EffectEntry] = Field(default_factory=dict)

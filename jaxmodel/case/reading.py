@@ -13,6 +13,7 @@ import pandas as pd
 from jaxmodel import effects
 from jaxmodel.base.errors import MeasurementError, ParameterError, instead, nearest
 from jaxmodel.case import plausible
+from jaxmodel.case.brushless import armature
 from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.entries import entry_of
 from jaxmodel.case.forms import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
@@ -117,6 +118,7 @@ def _case(
         own: the user's own effect classes.
     """
     numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
+    numbers |= armature(entry.brushless, entry.kind, numbers, where)
     default_soc = numbers.pop("initial_soc", Known(1.0))
     load = stated_load(entry.load, entry.effects, entry.kind, where)
     servo = stated_servo(entry.drive, entry.controller, entry.effects, entry.kind, load, where)
@@ -153,6 +155,7 @@ def _case(
         motor_tables=motor_tables(entry.parameters),
         load=load,
         servo=servo,
+        brushless=entry.brushless.current if entry.brushless else "",
         specimens=specimens_of(entry.specimens, [run.specimen for run in entry.runs], where),
     )
     # An unknown preset is refused when a model is built; reading the measurements needs none.

@@ -110,6 +110,7 @@ class Case:
         load: of a motor or robot: "measured", "unknown" or a law (docs/cases.md); "" where its columns say it.
         servo: what it says of the drive of its motor.
         specimens: by the specimens that its runs name, what each has of its own.
+        brushless: what a current of its brushless motor is, "rms" or "peak"; "" for a motor with brushes.
 
     Example:
         >>> import pandas as pd
@@ -138,6 +139,7 @@ class Case:
     load: str = ""
     servo: Servo = OPEN
     specimens: dict[str, Specimen] = dataclasses.field(default_factory=dict)
+    brushless: str = ""
 
     @classmethod
     def from_dataframes(
@@ -148,6 +150,7 @@ class Case:
         load: str | None = None,
         drive: str | None = None,
         controller: str | None = None,
+        brushless: Mapping[str, Any] | None = None,
         name: str = "case",
         title: str = "",
         preset: str = "paper",
@@ -171,6 +174,7 @@ class Case:
             load: of a motor or robot: "measured", "unknown", "free", "propeller", "gravity" or "rolling".
             drive: of a motor: "current" or "voltage", what its drive sets; by default the columns say it.
             controller: "position" or "speed", of a closed loop; its gains are those of an effect.
+            brushless: of a brushless motor, its [brushless] block: `{"current": "rms", "R_phase_ohm": 0.02}`.
             name: of the case and its results.
             title: free text.
             preset: source of every parameter that is not stated here: a key of `jaxmodel.case.presets.PRESETS`, or the
@@ -197,7 +201,8 @@ class Case:
         entries |= {"title": title, "kind": kind, "preset": preset, "specimens": specimens or {}}
         if load is not None:
             entries["load"] = load
-        entries |= {name: said for name, said in (("drive", drive), ("controller", controller)) if said is not None}
+        of_drive = (("drive", drive), ("controller", controller), ("brushless", brushless))
+        entries |= {name: said for name, said in of_drive if said is not None}
         case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
         return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
 

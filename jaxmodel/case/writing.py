@@ -48,6 +48,7 @@ def _content(case: Case, path: Path, files: list[Path]) -> dict[str, Any]:
     """Return what the TOML file of a case holds, with the CSV of each run."""
     content: dict[str, Any] = {"title": case.title, "kind": case.kind} | ({"load": case.load} if case.load else {})
     content |= {name: said for name, said in case.servo._asdict().items() if said}
+    content |= {"brushless": {"current": case.brushless}} if case.brushless else {}
     content["preset"] = preset_entry(case.preset, path)
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
     content["parameters"] |= {name: table_entry(name, table) for name, table in case.tables.items()}

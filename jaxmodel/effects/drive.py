@@ -7,15 +7,19 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from jaxmodel.model.declaration import Scalar, parameter
-from jaxmodel.model.ports import Effect, MotorContext
+from jaxmodel.model.flow import Flow, State, relaxation
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import CellContext, Effect, MotorContext
 
 MOTOR = ("motor", "robot")
 ROBOT = ("robot",)
 REFERENCE_DEGC = 20.0
 DIRECTION_RAD_S = 1.0  # a rotor faster than this has a direction
-# What runs must show for an effect to be told from others: power that flows both ways between motor and load, and
-# motion both ways, in a position that is read or not.
+# What runs must show for an effect to be told from others: power that flows both ways between motor and load; motion
+# both ways, in a position that is read or not; the temperatures of winding and case, at speeds that differ; or a
+# voltage, in rows that follow it. And a motor must have brushes for what they do.
 BACK_DRIVING, REVERSING, LOST_MOTION = "back-driving", "reversing", "lost motion"
+BOTH_TEMPERATURES, BRUSHES, FAST_VOLTAGE = "both temperatures", "brushes", "fast voltage"
 DIRECTION_DUTY = 0.02  # so has a bridge with more duty than this
 
 
@@ -69,6 +73,7 @@ class BrushDrop(Effect):
     name: ClassVar[str] = "brush_drop"
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "V_M -= V_b tanh(i_a/0.1)"
+    distinguished_by: ClassVar[str] = BRUSHES
     V_b: Scalar = parameter(
         0.5, unit="V", meaning="drop over both brushes", null=0.0, lower=0.0, upper=5.0, typical=(0.1, 1.5)
     )
@@ -153,6 +158,79 @@ class Windage(Effect):
     def friction_torque(self, value: Scalar, context: MotorContext) -> Scalar:
         """Add a torque in proportion to the speed squared."""
         return value + self.c * context.speed_rad_s * jnp.abs(context.speed_rad_s)
+
+
+class IronLoss(Effect):
+    """The iron loses power as its magnetisation turns: by hysteresis T_h |w|, and by eddy currents T_h w^2 / w_e.
+
+    P = k_h f B^n + k_e f^2 B^2 (Steinmetz, Trans. AIEE 9 (1892) 3; Bertotti, IEEE Trans. Magn. 24 (1988) 621) at the
+    induction B that the magnets give, with f in proportion to the speed; the excess loss f^1.5 lies between the two. It
+    drags the rotor as friction and viscous friction do, and warms the stator, which is the case, not the winding.
+    """
+
+    name: ClassVar[str] = "iron_loss"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "friction += T_h sgn(w) (1 + |w|/w_e), whose heat is of the case"
+    distinguished_by: ClassVar[str] = BOTH_TEMPERATURES
+    T_h: Scalar = parameter(
+        0.01,
+        unit="N m",
+        meaning="drag of hysteresis",
+        null=0.0,
+        lower=0.0,
+        upper=1e3,
+        typical=(0.002, 0.04),  # as of friction: 0.5 to 10 % of the torque of a motor with a stator of iron; assumed
+        scales="torque",
+    )
+    w_e: Scalar = parameter(
+        200.0,
+        unit="rad/s",
+        meaning="speed at which eddy currents lose as much as hysteresis",
+        lower=1e-3,
+        upper=1e6,
+        transform="log",
+        # 50 to 500 Hz of sheets of 0.5 to 0.2 mm, at 4 to 14 pole pairs; assumed.
+        typical=(30.0, 800.0),
+        shape_grid=(60.0, 400.0),
+    )
+
+    def iron_friction(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add the drag of hysteresis, which holds at rest too."""
+        return value + self.T_h
+
+    def iron_drag(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add the drag of eddy currents."""
+        return value + self.T_h * context.speed_rad_s / self.w_e
+
+
+class HeatPath(Effect):
+    """The case warms after the winding: a share s of the winding's heat reaches it through the winding alone.
+
+    Eq. 15 is a Foster network, whose stages warm at once; at s = 1 it is a Cauer network of the same two heat
+    capacities tau/R, whose case follows. Infineon AN2008-03, Thermal equivalent circuit models, 2008.
+    """
+
+    name: ClassVar[str] = "heat_path"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = (
+        "C_c dx_2/dt = (1 - s) P_M + s x_1/R_wc - x_2/R_ca, C_w (dx_1/dt + s dx_2/dt) = P_M - x_1/R_wc, C = tau/R"
+    )
+    shown_by: ClassVar[str] = "case_temperature_degC"
+    s: Scalar = parameter(
+        1.0,
+        unit="",
+        meaning="share of the heat that reaches the case through the winding",
+        null=0.0,
+        lower=0.0,
+        upper=1.0,
+        typical=(0.3, 1.0),
+    )
+
+    def heat_path(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Lead the share through the winding."""
+        return value + self.s
 
 
 class FrictionTemperature(Effect):
@@ -339,6 +417,7 @@ class BrushCurrentDrop(Effect):
     rare: ClassVar[bool] = True
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "V_M -= V_l asinh(i_a/i_b)"
+    distinguished_by: ClassVar[str] = BRUSHES
     V_l: Scalar = parameter(
         0.1,
         unit="V",
@@ -363,6 +442,38 @@ class BrushCurrentDrop(Effect):
     def armature_voltage_drop(self, value: Scalar, context: MotorContext) -> Scalar:
         """Lose the drop."""
         return value + self.V_l * jnp.arcsinh(context.current_A / self.i_b)
+
+
+class CommandDelay(Effect):
+    """The voltage of the winding follows its command late, by a first-order lag: filters, and a slow bridge.
+
+    A pure delay is `clock_shift`: in an open loop a command that acts late and readings that come late are one. What
+    lags here is within a controller's loop too.
+    """
+
+    name: ClassVar[str] = "command_delay"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = ("motor",)
+    equation: ClassVar[str] = "V_M = y, tau dy/dt = V - y"
+    distinguished_by: ClassVar[str] = FAST_VOLTAGE
+    tau: Scalar = parameter(
+        0.02, unit="s", meaning="time constant", null=0.0, lower=0.0, upper=100.0, typical=(0.005, 0.1)
+    )
+
+    def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
+        """Begin at the voltage of the first row, 0 under a controller."""
+        return {f"{self.name}.voltage_V": jnp.zeros(())}
+
+    def bridge_voltage(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Give what has come through."""
+        return jnp.where(self.tau > 0.0, context.state[f"{self.name}.voltage_V"], value)
+
+    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
+        """Follow the command."""
+        if motor is None:
+            return {}
+        lag = jnp.where(self.tau > 0.0, self.tau, 1.0)
+        return {f"{self.name}.voltage_V": relaxation(motor.pack_voltage_V, lag)}
 
 
 class BridgeDeadTime(Effect):

@@ -14,6 +14,9 @@ from jaxmodel.model.ports import CellContext, Effect, MotorContext
 
 # A travel of none would divide by zero; far below what any encoder reads.
 LEAST_TRAVEL_RAD = 1e-12
+# Longest step of two inertias, as a share of the time constant of their resonance (1 over its angular frequency): by
+# the midpoint rule an undamped one then gains 1 % of its energy in 65 periods.
+RESONANCE_SHARE = 0.05
 
 
 def _followed(speed: Scalar, travel: Scalar) -> Flow:
@@ -160,3 +163,79 @@ class Compliance(Effect):
     def output_position(self, value: Scalar, context: MotorContext) -> Scalar:
         """Lag by the twist."""
         return value - self.c * context.load_torque_Nm
+
+
+class FlexibleShaft(Effect):
+    """A load of its own inertia hangs on a spring with a damper, and on a gap: two inertias that resonate.
+
+    J is that of the rotor alone then, J_l that of the load, of a law's mass too; the load torque acts on the load. With
+    current or torque as the input the pair resonates at sqrt(k (1/J + 1/J_l)), and at sqrt(k/J_l) the rotor stands. In
+    the gap neither spring nor damper acts. The position that is read is the load's, the speed the rotor's. Spong 1987,
+    as of `compliance`, which is this below the resonance; the gap is that of Nordin and Gutman 2002.
+    """
+
+    name: ClassVar[str] = "flexible_shaft"
+    kinds: ClassVar[tuple[str, ...]] = ("motor",)
+    equation: ClassVar[str] = (
+        "J dw/dt = tau_D - friction - T_s, J_l dv/dt = T_s - tau_l, T_s = k phi + d dphi/dt, dphi/dt = w - v"
+    )
+    is_candidate: ClassVar[bool] = False
+    J_l: Scalar = parameter(
+        5e-5, unit="kg m2", meaning="inertia of the load", null=0.0, lower=0.0, upper=1e3, typical=(1e-5, 5e-4)
+    )
+    k: Scalar = parameter(
+        2.0, unit="N m/rad", meaning="stiffness", lower=1e-9, upper=1e9, transform="log", typical=(0.1, 50.0)
+    )
+    d: Scalar = parameter(
+        1e-4, unit="N m s/rad", meaning="damping between the two", lower=0.0, upper=1e6, typical=(0.0, 1e-3)
+    )
+    gap: Scalar = parameter(
+        0.0, unit="rad", meaning="free play in the spring", lower=0.0, upper=10.0, typical=(0.0, 0.1)
+    )
+
+    def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
+        """Begin without twist, the load at the speed of the rotor."""
+        speed = jnp.asarray(parameters.initial_speed_rad_s, dtype=float)
+        return {f"{self.name}.twist_rad": jnp.zeros(()), f"{self.name}.load_speed_rad_s": speed}
+
+    def longest_step_s(self, parameters: Parameters) -> Scalar:
+        """Return a twentieth of the time constant of the resonance."""
+        load = jnp.where(self.J_l > 0.0, self.J_l, 1.0)
+        longest = RESONANCE_SHARE / jnp.sqrt(self.k * (1.0 / parameters.J + 1.0 / load))
+        return jnp.where(self.J_l > 0.0, longest, jnp.inf)
+
+    def inertia(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Leave that of the rotor."""
+        return jnp.where(self.J_l > 0.0, context.parameters.J, value)
+
+    def load_drag(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Put the torque of the spring in the place of the load's."""
+        twisting, load_speed = self._spring(context)
+        spring = twisting + self._damping(context) * (context.speed_rad_s - load_speed)
+        return value + jnp.where(self.J_l > 0.0, spring - context.load_torque_Nm, 0.0)
+
+    def output_position(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Lag by the twist."""
+        return value - jnp.where(self.J_l > 0.0, context.state[f"{self.name}.twist_rad"], 0.0)
+
+    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
+        """Twist by the difference of the speeds, and speed the load up."""
+        if motor is None:
+            return {}
+        load = jnp.where(self.J_l > 0.0, self.J_l, 1.0)
+        (twisting, load_speed), damping = self._spring(motor), self._damping(motor)
+        pull = twisting + damping * motor.speed_rad_s - motor.load_torque_Nm
+        return {
+            f"{self.name}.twist_rad": Flow(motor.speed_rad_s - load_speed),
+            f"{self.name}.load_speed_rad_s": Flow(pull / load, damping / load),
+        }
+
+    def _spring(self, context: MotorContext) -> tuple[Scalar, Scalar]:
+        """Return the torque of the spring beyond its gap, and the speed of the load."""
+        twist = context.state[f"{self.name}.twist_rad"]
+        beyond = twist - jnp.clip(twist, -0.5 * self.gap, 0.5 * self.gap)
+        return self.k * beyond, context.state[f"{self.name}.load_speed_rad_s"]
+
+    def _damping(self, context: MotorContext) -> Scalar:
+        """Return the damping, which acts where the spring does."""
+        return jnp.where(jnp.abs(context.state[f"{self.name}.twist_rad"]) >= 0.5 * self.gap, self.d, 0.0)

@@ -18,7 +18,7 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.case.specimens import difference_label, runs_of
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.differences import DIFFERENCES
-from jaxmodel.effects.drive import BACK_DRIVING, LOST_MOTION, REVERSING
+from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, BRUSHES, FAST_VOLTAGE, LOST_MOTION, REVERSING
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
@@ -50,6 +50,7 @@ _LEAST_K = 5.0
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
 # Load and speed, and the share of rows in which power must flow each way to tell what rubs from what is lost. Assumed.
 _POWER, _BOTH_WAYS = ("load_torque_Nm", "speed_rad_s"), 0.02
+_STAGES = ("winding_temperature_degC", "case_temperature_degC")
 # A run shows what a reversal does if it has so many, at speeds above this share of the largest, and rows no farther
 # apart in s: a rotor turns round in some 10 ms. Assumed.
 _REVERSALS, _MOVES, _FOLLOWED_S = 4, 0.02, 0.05
@@ -247,12 +248,18 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
     """Return True if runs differ in what tells an effect from a calibration: a parameter, or the way of power."""
     if not cls.distinguished_by:
         return True
+    if cls.distinguished_by == BRUSHES:
+        return not case.brushless
     if cls.distinguished_by == BACK_DRIVING:
         return case.load == "gravity" or any(_drives_back(run) for run in case.runs if run.split == "fit")
     if cls.distinguished_by in (REVERSING, LOST_MOTION):
         fitted = [run for run in case.runs if run.split == "fit"]
         seen = [run for run in fitted if cls.distinguished_by == REVERSING or "position_rad" in run.measured.outputs]
         return any(_reverses(run) for run in seen)
+    if cls.distinguished_by == BOTH_TEMPERATURES:
+        return _tells_heat_apart([run for run in case.runs if run.split == "fit"])
+    if cls.distinguished_by == FAST_VOLTAGE:
+        return any(_follows_voltage(run) for run in case.runs if run.split == "fit")
     common = case.parameters.get(cls.distinguished_by)
     values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
@@ -266,6 +273,21 @@ def _reverses(run: Run) -> bool:
         return False
     moving = speed[np.abs(np.nan_to_num(speed)) > _MOVES * float(np.nanmax(np.abs(speed)))]
     return int(np.count_nonzero(np.diff(np.sign(moving)))) >= _REVERSALS
+
+
+def _follows_voltage(run: Run) -> bool:
+    """Return True if a voltage drives a rotor that is free to follow it, in rows that show how."""
+    driven = "voltage_V" in run.measured.inputs and "speed_rad_s" not in run.measured.inputs
+    return driven and float(np.median(np.diff(run.measured.time_s))) <= _FOLLOWED_S
+
+
+def _tells_heat_apart(runs: list[Run]) -> bool:
+    """Return True if winding and case are read in a run, and the motor runs at speeds that differ in these runs."""
+    columns = [run.measured.inputs | run.measured.outputs for run in runs if set(_STAGES) <= set(run.measured.outputs)]
+    speeds = [np.abs(of_run[_POWER[1]]) for of_run in columns if _POWER[1] in of_run]
+    at = np.concatenate([np.zeros(0), *speeds])
+    largest = float(np.nanmax(at, initial=0.0))
+    return largest > 0.0 and float(np.nanstd(at)) > _LEAST_SPAN * largest
 
 
 def _drives_back(run: Run) -> bool:

@@ -66,7 +66,8 @@ def initial_state(model: Model, inputs: Inputs) -> State:
         state |= {name: inputs[name] for name in state if name in IMPOSED and name in inputs}
     for effect in model.effects:
         state |= effect.initial_state(model.parameters, inputs["ambient_degC"])
-    return state
+    # What follows an input begins at it.
+    return state | {name: inputs[at] for name in state if (at := name.partition(".")[2]) in inputs}
 
 
 def step(model: Model, state: State, inputs: Inputs, duration: Scalar) -> State:
@@ -207,6 +208,9 @@ def _drive(
         now = later if same else (now[0], motors.over(now[1], duration))
     if set_by := _controlled(model):
         inputs = inputs | {set_by: fold(model.effects, "command", zero, later[1].context)}
+        if set_by == "voltage_V":
+            told = eqx.tree_at(lambda m: m.context.pack_voltage_V, later[1], inputs[set_by])
+            now, later = now if now[1] is not later[1] else (now[0], told), (later[0], told)
     if model.kind == "cell":
         return Drive(inputs["current_A"], zero, None, None)
     if model.kind == "motor":

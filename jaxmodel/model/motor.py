@@ -25,7 +25,7 @@ CHORD_SHARE = 0.8
 # The ports whose values change with the current or speed within a step; without an effect on any the pair is linear.
 BENDING = (
     "armature_voltage_drop", "motor_torque", "coulomb_torque", "friction_torque", "bridge_voltage", "onboard_current",
-    "overpotential", "weakest_cell_voltage", "load_drag", "load_friction",
+    "overpotential", "weakest_cell_voltage", "load_drag", "load_friction", "iron_drag", "iron_friction",
 )  # fmt: skip
 # Speed in rad/s below which a rotor held by friction is at rest: its sign is a rounding error.
 STANDSTILL = 1e-9
@@ -127,11 +127,12 @@ def current_rate(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Scalar
 
 
 def _smooth_resistance(motor: Motor, pair: Pair) -> Scalar:
-    """Return the torque in N m that grows smoothly with speed: of the motor's friction, and of its load."""
+    """Return the torque in N m that grows smoothly with speed: of the motor's friction and iron, and of its load."""
     context = _running(motor, pair)
     friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
-    if touches(motor.effects, "load_drag"):
-        friction = friction + fold(motor.effects, "load_drag", jnp.zeros(()), context)
+    for port in ("load_drag", "iron_drag"):
+        if touches(motor.effects, port):
+            friction = friction + fold(motor.effects, port, jnp.zeros(()), context)
     return friction
 
 
@@ -155,18 +156,19 @@ def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
 
 
 def _coulomb_torque(motor: Motor, speed_rad_s: Scalar, current_A: Scalar | None = None) -> Scalar:
-    """Return the size of all dry friction in N m: of the motor, and of its load; at another current than its own."""
-    own = _own_friction(motor, speed_rad_s, current_A)
-    if not touches(motor.effects, "load_friction"):
-        return own
-    context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
-    return own + fold(motor.effects, "load_friction", jnp.zeros(()), context)
+    """Return the size of all dry friction in N m: of motor, iron and load; at another current than its own."""
+    level = _dry(motor, "coulomb_torque", speed_rad_s, current_A)
+    for port in ("load_friction", "iron_friction"):
+        if touches(motor.effects, port):
+            level = level + _dry(motor, port, speed_rad_s)
+    return level
 
 
-def _own_friction(motor: Motor, speed_rad_s: Scalar, current_A: Scalar | None = None) -> Scalar:
+def _dry(motor: Motor, port: str, speed_rad_s: Scalar, current_A: Scalar | None = None) -> Scalar:
+    """Return the size in N m of the dry friction of one port; only the first has a value without effects, tau_0."""
     current = motor.context.current_A if current_A is None else current_A
-    context = _running(motor, Pair(current, speed_rad_s))
-    return fold(motor.effects, "coulomb_torque", motor.context.parameters.tau_0, context)
+    least = motor.context.parameters.tau_0 if port == "coulomb_torque" else jnp.zeros(())
+    return fold(motor.effects, port, least, _running(motor, Pair(current, speed_rad_s)))
 
 
 def run(
@@ -338,10 +340,14 @@ def asked_torque(motor: Motor, rate_rad_s2: Scalar) -> Scalar:
 
 
 def shaft_torque(motor: Motor, pair: Pair) -> Scalar:
-    """Return what is left of the motor's torque for load and inertia in N m: less its own friction, eqs. 12 and 13."""
-    dry = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0) * _own_friction(motor, pair.speed)
-    smooth = fold(motor.effects, "friction_torque", jnp.zeros(()), _running(motor, pair))
-    return _driving_torque(motor, pair) - dry - smooth
+    """Return what is left of the motor's torque for load and inertia in N m: less friction and iron, eqs. 12 and 13."""
+    direction = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0)
+    left = _driving_torque(motor, pair)
+    for port in ("coulomb_torque", "iron_friction"):
+        left = left - direction * _dry(motor, port, pair.speed)
+    for port in ("friction_torque", "iron_drag"):
+        left = left - fold(motor.effects, port, jnp.zeros(()), _running(motor, pair))
+    return left
 
 
 def _imposed_friction(motor: Motor) -> Scalar:
@@ -357,21 +363,53 @@ def loss(motor: Motor, step: ArmatureStep) -> Scalar:
     context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
     copper = (step.mean_current_A**2 + step.current_variance_A2) * motor.winding_resistance_ohm
     dry = step.coulomb_torque_Nm
-    if touches(motor.effects, "load_friction"):  # what rubs outside of the motor does not warm it
-        every = _coulomb_torque(motor, step.mean_speed_rad_s)
-        dry = dry * _own_friction(motor, step.mean_speed_rad_s) / jnp.where(every > 0.0, every, 1.0)
+    for port in ("load_friction", "iron_friction"):  # what rubs outside of the winding does not warm it
+        if touches(motor.effects, port):
+            dry = dry - _share(motor, step, port)
     friction = dry + fold(motor.effects, "friction_torque", jnp.zeros(()), context)
     return fold(motor.effects, "motor_loss", copper + friction * step.mean_speed_rad_s, context)
 
 
+def _share(motor: Motor, step: ArmatureStep, port: str) -> Scalar:
+    """Return the part of a step's dry friction in N m that is of one port."""
+    every = _coulomb_torque(motor, step.mean_speed_rad_s)
+    part = _dry(motor, port, step.mean_speed_rad_s)
+    return step.coulomb_torque_Nm * part / jnp.where(every > 0.0, every, 1.0)
+
+
+def _iron_loss(motor: Motor, step: ArmatureStep) -> Scalar | None:
+    """Return the mean power in W that heats the iron, and so the case without the winding; None without an effect."""
+    if not touches(motor.effects, "iron_drag", "iron_friction"):
+        return None
+    context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
+    drag = _share(motor, step, "iron_friction") + fold(motor.effects, "iron_drag", jnp.zeros(()), context)
+    return drag * step.mean_speed_rad_s
+
+
+def _stages(motor: Motor, power: Scalar, iron: Scalar | None) -> dict[str, Flow]:
+    """Return the flows of the rises of the winding over the case x_1 and of the case over the ambient x_2.
+
+    Eq. 15 warms both by P at once. Where a share s of it reaches the case through the winding, with C_w = tau_wc / R_wc
+    and C_c = tau_ca / R_ca: C_c dx_2/dt = (1 - s) P + s x_1/R_wc + P_iron - x_2/R_ca and
+    C_w (dx_1/dt + s dx_2/dt) = P - x_1/R_wc. At s = 1 it is the chain of two heat capacities. What x_1 does to itself
+    through x_2 is in its decay, so that a step of any length is stable.
+    """
+    p = motor.context.parameters
+    at_once = power if iron is None else power + iron
+    if not touches(motor.effects, "heat_path"):
+        return {"x_winding_K": relaxation(p.R_wc * power, p.tau_wc), "x_case_K": relaxation(p.R_ca * at_once, p.tau_ca)}
+    share, state = fold(motor.effects, "heat_path", jnp.zeros(()), motor.context), motor.context.state
+    at_once = at_once - share * power
+    taken = share * (p.tau_wc / p.R_wc) * (p.R_ca / p.tau_ca)  # s C_w / C_c
+    faster = 1.0 + share * taken
+    over_case = p.R_wc * (power - taken * (at_once - state["x_case_K"] / p.R_ca)) / faster
+    through = at_once + share * state["x_winding_K"] / p.R_wc
+    return {"x_winding_K": relaxation(over_case, p.tau_wc / faster), "x_case_K": relaxation(p.R_ca * through, p.tau_ca)}
+
+
 def flows(motor: Motor, step: ArmatureStep) -> dict[str, Flow]:
     """Return the flows of the motor's two temperature rises, eq. 15."""
-    p = motor.context.parameters
-    power = loss(motor, step)
-    own = {
-        "x_winding_K": relaxation(p.R_wc * power, p.tau_wc),
-        "x_case_K": relaxation(p.R_ca * power, p.tau_ca),
-    }
+    own = _stages(motor, loss(motor, step), _iron_loss(motor, step))
     context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
     for effect in motor.effects:
         own |= effect.flows(None, context, jnp.zeros(()))

@@ -98,8 +98,11 @@ MOTOR_PORTS = {
     "load_torque": "N m; signed, active",
     "load_drag": "N m; load that grows smoothly with speed, signed as the speed, which does not warm the motor",
     "load_friction": "N m; load of constant size against the motion, also at standstill, which does not warm the motor",
+    "iron_drag": "N m; of the iron, that grows smoothly with speed, signed as the speed; it warms the case",
+    "iron_friction": "N m; of the iron, of constant size against the motion, also at standstill; it warms the case",
     "inertia": "kg m2; of rotor and load, at the motor's shaft",
     "motor_loss": "W that heat the winding; eq. 16",
+    "heat_path": "share of the winding's heat that reaches the case through the winding; eq. 15 has 0",
     "bridge_voltage": "V at the motor's terminals; eq. 14",
     "command": "A or V that a controller sets; 0 without one",
     "output_position": "rad; of the load, which lags behind the motor by what lies between them",
@@ -111,7 +114,7 @@ SENSOR_PORTS = {
 }
 PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
 """By the name of each port, the value that a method of that name receives and returns."""
-_HOOKS = {"initial_state", "flows"}
+_HOOKS = {"initial_state", "flows", "longest_step_s"}
 
 
 class Effect(InShort, eqx.Module):

@@ -137,6 +137,17 @@ def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
 
 def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Grid:
     """Return the steps of a profile for a model; `jumped_s` as of `jaxmodel.model.profile.make_grid`."""
+    grid = _by_armature(model, profile, jumped_s)
+    limits = [
+        float(np.min(effect.longest_step_s(model.parameters)))
+        for effect in model.effects
+        if hasattr(effect, "longest_step_s") and (effect.switch is None or np.any(effect.switch))
+    ]
+    return grid.cut(min(limits)) if limits else grid
+
+
+def _by_armature(model: Model, profile: Profile, jumped_s: float | None) -> Grid:
+    """Return the steps that armature, rotor and controller need."""
     if model.kind == "cell" or "speed_rad_s" in profile.inputs:  # no rotor settles
         return make_grid(profile, None)
     for effect in model.effects:

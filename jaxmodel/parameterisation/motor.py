@@ -29,7 +29,7 @@ from jaxmodel.parameterisation.motor_friction import Mechanics, mechanics
 from jaxmodel.parameterisation.motor_refine import refine, refined_case
 from jaxmodel.parameterisation.motor_rows import MotorRows, dead_time, motor_rows
 from jaxmodel.parameterisation.motor_size import by_size
-from jaxmodel.parameterisation.motor_thermal import motor_thermal
+from jaxmodel.parameterisation.motor_thermal import heat_of_effects, motor_thermal
 from jaxmodel.parameterisation.noise import sensor_noise
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
 
@@ -176,8 +176,9 @@ def _extracted(
         size = np.abs(speed)
         return terms.get("tau_0", 0.0) + terms.get("b", 0.0) * size + terms.get("c", 0.0) * size**2
 
+    fixed = {name: known.value for name, known in exact.items()}
     heat, warmed = motor_thermal(
-        runs, value("R_0"), value("psi_R"), value("T_0"), friction, {name: known.value for name, known in exact.items()}
+        runs, value("R_0"), value("psi_R"), value("T_0"), friction, fixed, *heat_of_effects(case)
     )
     found += [one for one in heat if one.name not in exact]
     found += _gains(case, tuple(rows.name for rows in runs))

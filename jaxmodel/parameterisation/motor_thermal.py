@@ -2,18 +2,24 @@
 
 T_c = T_amb + lag(P, tau_ca) R_ca,    T_w = T_c + lag(P, tau_wc) R_wc,    P = i^2 R + |w| friction
 
+Where a share s of P reaches the case through the winding (`heat_path`), (1 - s) P + s (T_w - T_c)/R_wc stands for P in
+the first and T_w - T_c + s (T_c - lag(T_c, tau_wc)) for T_w - T_c in the second; iron loss adds to the first.
+
 The start of each run is its first reading, which is as noisy as any other: it is fitted too, with that as its prior.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import fminbound
 
+from jaxmodel.case.records import Case
+from jaxmodel.effects.drive import HeatPath, IronLoss
 from jaxmodel.fit.likelihood import autocorrelation_time
+from jaxmodel.model.declaration import describe
 from jaxmodel.parameterisation.linear import lagged
 from jaxmodel.parameterisation.motor_rows import MotorRows
 from jaxmodel.parameterisation.result import Extraction
@@ -23,7 +29,14 @@ TAU_S = {"wc": (2.0, 2000.0), "ca": (30.0, 50_000.0)}
 
 
 def motor_thermal(
-    runs: Sequence[MotorRows], R: float, psi_R: float, T_0: float, friction, exact: Mapping[str, float]
+    runs: Sequence[MotorRows],
+    R: float,
+    psi_R: float,
+    T_0: float,
+    friction,
+    exact: Mapping[str, float],
+    iron: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
+    share: float = 0.0,
 ) -> tuple[list[Extraction], pd.DataFrame]:
     """Return R_wc, tau_wc, R_ca and tau_ca as far as thermometers show them, and the readings with the fit.
 
@@ -34,12 +47,15 @@ def motor_thermal(
         T_0: reference temperature [degC].
         friction: returns the friction torque [N m] at speeds [rad/s].
         exact: resistances and time constants that are known.
+        iron: returns the drag of the iron [N m] at speeds [rad/s].
+        share: of the winding's heat that reaches the case through the winding.
     """
     found: list[Extraction] = []
     tables = []
+    over_case = exact.get("R_wc")
     jobs = (
-        ("ca", lambda rows: rows.case_degC, lambda rows: rows.ambient_degC),
         ("wc", lambda rows: rows.winding_degC, lambda rows: rows.case_degC),
+        ("ca", lambda rows: rows.case_degC, lambda rows: rows.ambient_degC),
     )
     for name, top, base in jobs:
         parts = []
@@ -52,13 +68,46 @@ def motor_thermal(
             speed = np.zeros(rows.time_s.size) if rows.speed_rad_s is None else np.nan_to_num(rows.speed_rad_s)
             warm_R = R * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
             power = np.nan_to_num(rows.current_A) ** 2 * warm_R + np.abs(speed) * friction(speed)
-            parts.append((rows, rise, power))
+            follows = np.zeros(rows.time_s.size)
+            if name == "wc":
+                follows = share * _filled(rows.time_s, base(rows))
+            else:
+                through = power
+                if share and over_case is not None and rows.winding_degC is not None:
+                    through = _over_steps(_filled(rows.time_s, rows.winding_degC - rows.case_degC)) / over_case
+                power = power + share * (through - power) + np.abs(speed * iron(speed))
+            parts.append((rows, rise, power, follows))
         if not parts:
             continue
         one, table = _node(parts, name, exact.get(f"R_{name}"), exact.get(f"tau_{name}"))
-        found += one
-        tables.append(table)
+        if name == "wc":
+            over_case = one[0].value
+        found = one + found
+        tables.insert(0, table)
     return found, pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def heat_of_effects(case: Case) -> tuple[Callable[[np.ndarray], np.ndarray], float]:
+    """Return what effects of a case say: the iron's drag [N m] over the speed, and the share through the winding."""
+    iron, path = case.effects.get("iron_loss"), case.effects.get("heat_path")
+
+    def drag(speed: np.ndarray) -> np.ndarray:
+        if iron is None:
+            return np.zeros_like(speed)
+        T_h, w_e = (float(iron.get(name, info.default)) for name, info in describe(IronLoss).items())
+        return T_h * (1.0 + np.abs(speed) / w_e)
+
+    return drag, 0.0 if path is None else float(path.get("s", describe(HeatPath)["s"].default))
+
+
+def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    there = np.isfinite(values)
+    return np.interp(time_s, time_s[there], values[there])
+
+
+def _over_steps(values: np.ndarray) -> np.ndarray:
+    """Return the means over the steps that end at each row of what is read at rows."""
+    return np.append(values[:1], 0.5 * (values[1:] + values[:-1]))
 
 
 def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> tuple[list[Extraction], pd.DataFrame]:
@@ -71,8 +120,10 @@ def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> t
         start = d (y - R x) / (1 + d d).
         """
         tau, over, under, each = float(np.exp(log_tau)), 0.0, 0.0, []
-        for rows, rise, power in parts:
+        for rows, rise, power, follows in parts:
             there = np.isfinite(rise)
+            if follows.any():
+                rise = rise + follows - lagged(rows.time_s, _over_steps(follows), tau, first=follows[0])
             decay = lagged(rows.time_s, np.zeros(rows.time_s.size), tau, first=1.0)[there]
             share = decay / (1.0 + float(decay @ decay))
             x, y = lagged(rows.time_s, power.copy(), tau)[there], rise[there] - float(rise[there][0]) * decay
@@ -107,7 +158,7 @@ def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> t
     jacobian = np.column_stack([by_R * (known_R is None), slope * (known_tau is None)])
     variance = squares / max(rows_of_all - 2, 1) * autocorrelation_time(left)
     sd = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * variance)
-    names = tuple(rows.name for rows, _, _ in parts)
+    names = tuple(rows.name for rows, *_ in parts)
     samples = f"{rows_of_all} readings, {np.sqrt(squares / rows_of_all):.2g} K left"
     method = "heating by the losses of eq. 16"
     tau = float(np.exp(at))
@@ -122,7 +173,7 @@ def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> t
                     "fit_degC": rise[np.isfinite(rise)] - one,
                 }
             )
-            for (rows, rise, _), one in zip(parts, left, strict=True)
+            for (rows, rise, *_), one in zip(parts, left, strict=True)
         ],
         ignore_index=True,
     )

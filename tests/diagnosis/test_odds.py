@@ -32,23 +32,23 @@ resistance_ageing          3.74      -   4.37
 self_heating               3.74      -   4.37
 slow_diffusion             3.74      -   4.37
 bridge_resistance             -      -   4.37
-brush_drop                    -   3.69   4.37
+brush_drop                    -   3.70   4.37
 constant_power_load           -      -   4.37
-friction_temperature          -   3.69   4.37
-gear_loss                     -   3.69   4.37
-magnet_temperature            -   3.69   4.37
+friction_temperature          -   3.70   4.37
+gear_loss                     -   3.70   4.37
+magnet_temperature            -   3.70   4.37
 onboard_temperature           -      -   4.37
 pwm_ripple                    -      -   4.37
-saturation                    -   3.69   4.37
-stribeck_friction             -   3.69   4.37
-viscous_friction              -   3.69   4.37
-windage                       -   3.69   4.37
-clock_shift                3.74   3.69   4.37
-current_offset             3.74   3.69   4.37
-temperature_lag            3.74   3.69   4.37
-temperature_offset         3.74   3.69   4.37
-voltage_gain               3.74   3.69   4.37
-voltage_offset             3.74   3.69   4.37
+saturation                    -   3.70   4.37
+stribeck_friction             -   3.70   4.37
+viscous_friction              -   3.70   4.37
+windage                       -   3.70   4.37
+clock_shift                3.74   3.70   4.37
+current_offset             3.74   3.70   4.37
+temperature_lag            3.74   3.70   4.37
+temperature_offset         3.74   3.70   4.37
+voltage_gain               3.74   3.70   4.37
+voltage_offset             3.74   3.70   4.37
 arrhenius_polarisation     6.74      -   7.37  rare  arrhenius_resistance
 capacity_fade              6.74      -   7.37  rare
 contact_drift              6.74      -   7.37  rare
@@ -56,20 +56,23 @@ contact_heating            6.74      -   7.37  rare
 core_temperature           6.74      -   7.37  rare
 self_discharge             6.74      -   7.37  rare
 bridge_dead_time              -      -   7.37  rare
-brush_current_drop            -   6.69   7.37  rare
-directional_friction          -   6.69   7.37  rare
-gear_friction                 -   6.69   7.37  rare
-torque_friction               -   6.69   7.37  rare
-backlash                      -   6.69      -  rare
-compliance                    -   6.69      -  rare
-directional_drag              -   6.69   7.37  rare
-presliding                    -   6.69   7.37  rare
-chamber_offset             6.74   6.69   7.37  rare
-current_gain               6.74   6.69   7.37  rare
-speed_gain                    -   6.69   7.37  rare
-temperature_gain           6.74   6.69   7.37  rare
-torque_gain                   -   6.69   7.37  rare
-torque_offset                 -   6.69   7.37  rare
+brush_current_drop            -   6.70   7.37  rare
+command_delay                 -   6.70      -  rare
+directional_friction          -   6.70   7.37  rare
+gear_friction                 -   6.70   7.37  rare
+heat_path                     -   6.70   7.37  rare
+iron_loss                     -   6.70   7.37  rare
+torque_friction               -   6.70   7.37  rare
+backlash                      -   6.70      -  rare
+compliance                    -   6.70      -  rare
+directional_drag              -   6.70   7.37  rare
+presliding                    -   6.70   7.37  rare
+chamber_offset             6.74   6.70   7.37  rare
+current_gain               6.74   6.70   7.37  rare
+speed_gain                    -   6.70   7.37  rare
+temperature_gain           6.74   6.70   7.37  rare
+torque_gain                   -   6.70   7.37  rare
+torque_offset                 -   6.70   7.37  rare
 """
 
 OWN = '''

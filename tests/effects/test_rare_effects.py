@@ -57,7 +57,7 @@ def lost(profile: Profile, *effects: Effect) -> np.ndarray:
 
 def test_rare_effects_come_last():
     assert list(CATALOGUE)[-len(RARE) :] == RARE
-    assert len(RARE) == 21
+    assert len(RARE) == 24
     assert not any(cls.rare for name, cls in CATALOGUE.items() if name not in RARE)
 
 
@@ -86,6 +86,11 @@ def test_an_effect_is_told_in_full(name: str):
         ("discharge_resistance", "cell", "voltage_V"),
         ("directional_friction", "motor", "speed_rad_s"),
         ("brush_current_drop", "motor", "speed_rad_s"),
+        ("heat_path", "motor", "winding_temperature_degC"),
+        ("heat_path", "motor", "case_temperature_degC"),
+        ("iron_loss", "motor", "speed_rad_s"),
+        ("iron_loss", "motor", "winding_temperature_degC"),
+        ("iron_loss", "motor", "case_temperature_degC"),
         ("bridge_dead_time", "robot", "motor_current_A"),
         ("current_gain", "cell", "voltage_V"),
         ("current_gain", "motor", "current_A"),

@@ -34,6 +34,8 @@ NULL: dict[str, dict[str, float]] = {
     "windage": {"c": 0.0},
     "friction_temperature": {"b_T": 0.0},
     "gear_loss": {"e": 0.0},
+    "iron_loss": {"T_h": 0.0, "w_e": 1.0},
+    "heat_path": {"s": 0.0},
     "pwm_ripple": {"k_r": 0.0},
     "bridge_resistance": {"R_on": 0.0},
     "constant_power_load": {"s": 0.0},

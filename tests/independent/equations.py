@@ -194,6 +194,8 @@ def motor_part(
     gear = either(e["gear_loss"], gear, gear * ((load_torque / 0.1) ** 2 + 1e-6) ** -0.1)
     # `slide` in place of the sign of the speed keeps the equations smooth up to, and a little past, the reversal.
     one_way = p["tau_0"] * e["directional_friction"]["a"] * speed * jnp.abs(speed) / (speed**2 + 1.0)
+    # Eddy and hysteresis losses of the iron drag as friction does, and their heat is the stator's.
+    iron = e["iron_loss"]["T_h"] * (slide + speed / e["iron_loss"]["w_e"])
     friction = (
         slide * (coulomb + one_way + stribeck["tau_s"] * fading)
         + e["viscous_friction"]["b"] * speed
@@ -208,9 +210,10 @@ def motor_part(
         "brush": e["brush_drop"]["V_b"] * jnp.tanh(i_a / 0.1)
         + e["brush_current_drop"]["V_l"] * jnp.arcsinh(i_a / e["brush_current_drop"]["i_b"]),
         "drive": k * i_a * saturated - load_torque * (1.0 + gear),
-        "breakaway": coulomb + stribeck["tau_s"],
-        "friction": friction,
+        "breakaway": coulomb + stribeck["tau_s"] + e["iron_loss"]["T_h"],
+        "friction": friction + iron,
         "loss": i_a**2 * resistance + speed * friction,
+        "iron_loss": speed * iron,
     }
 
 
@@ -256,7 +259,7 @@ def derivative(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array
     if "cell" in a:
         rate |= _cell_rates(a, p, e)
     if "motor" in a:
-        rate |= _motor_rates(a, slide, p)
+        rate |= _motor_rates(a, slide, p, e)
     rate["t_lagged"] = (_lag_target(a, e) - a["y"]["t_lagged"]) / e["temperature_lag"]["tau"]
     return jnp.stack([rate[name] for name in STATES])
 
@@ -291,14 +294,18 @@ def _cell_rates(a: dict[str, Any], p: Tree, e: Tree) -> dict[str, jax.Array]:
     }
 
 
-def _motor_rates(a: dict[str, Any], slide: jax.Array, p: Tree) -> dict[str, jax.Array]:
+def _motor_rates(a: dict[str, Any], slide: jax.Array, p: Tree, e: Tree) -> dict[str, jax.Array]:
     y, motor = a["y"], a["motor"]
+    share = e["heat_path"]["s"]
+    through = y["x_1"] / p["R_wc"]
+    to_case = (1.0 - share) * motor["loss"] + share * through + motor["iron_loss"]
+    case_rate = (to_case - y["x_2"] / p["R_ca"]) * p["R_ca"] / p["tau_ca"]  # (15)
     electrical = a["v_motor"] - y["i_a"] * motor["resistance"] - motor["back_emf"] - motor["brush"]
     return {
         "i_a": electrical / motor["inductance"],  # (11)
         "speed": jnp.where(slide == 0.0, 0.0, (motor["drive"] - motor["friction"]) / p["J"]),  # (13)
-        "x_1": (p["R_wc"] * motor["loss"] - y["x_1"]) / p["tau_wc"],  # (15)
-        "x_2": (p["R_ca"] * motor["loss"] - y["x_2"]) / p["tau_ca"],
+        "x_1": (motor["loss"] - through) * p["R_wc"] / p["tau_wc"] - share * case_rate,
+        "x_2": case_rate,
     }
 
 

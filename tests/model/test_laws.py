@@ -19,7 +19,6 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.electrothermal import Model, read
 from jaxmodel.model.motor import BENDING
@@ -36,8 +35,8 @@ BRUSHES = ("brush_drop", "brush_current_drop")
 
 
 def effects_of(kind: str) -> list[str]:
-    """All but the brushes, whose grid is another, sensors, which carry no energy, and laws of the load (test_loads)."""
-    physical = {name: cls for name, cls in CATALOGUE.items() if cls not in LAWS.values() and not cls.is_sensor}
+    """All but brushes, whose grid is another, sensors, which carry no energy, and what a case states."""
+    physical = {name: cls for name, cls in CATALOGUE.items() if cls.is_candidate and not cls.is_sensor}
     return [name for name, cls in physical.items() if kind in cls.kinds and name not in BRUSHES]
 
 
@@ -165,8 +164,14 @@ def imbalance_of_a_start(effect: str, load: float, parts: int = 1) -> float:
         beside = integral(0.1 * np.arcsinh(current / 1.0) * current)
     given_in = voltage * integral(current)
     stored = 0.5 * inertia * speed[-1] ** 2 + 0.5 * inductance * current[-1] ** 2
-    heat = float(ran.states["x_case_K"][-1]) * STAGE
+    heat = warmed(effect, ran)
     return abs(given_in - load * integral(speed) - stored - heat - beside) / given_in
+
+
+def warmed(effect: str, ran: Trajectory) -> float:
+    """All heat of a motor: eq. 15 puts it into each of the two stages, a chain of them into both together."""
+    winding, case = (STAGE * float(ran.states[name][-1]) for name in ("x_winding_K", "x_case_K"))
+    return winding + 2.0 * case if effect == "heat_path" else case
 
 
 @pytest.mark.parametrize("effect", ["", *BRUSHES, *(name for name in effects_of("motor") if name != "saturation")])
@@ -230,7 +235,7 @@ def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect
             0.0385 * current * speed * (current / 50.0) ** 2 / (1.0 + (current / 50.0) ** 2)
         ),
     }.get(effect, float)()
-    one_motor = load * integral(speed) + stored + beside + STAGE * float(ran.states["x_case_K"][-1])
+    one_motor = load * integral(speed) + stored + beside + warmed(effect, ran)
     # As in a start of the motor alone, an inrush of twice i_s bends the torque, or the friction, within a step.
     bends = ("saturation", "torque_friction")
     assert pack == pytest.approx(2.0 * one_motor + onboard, rel=1e-4 if effect in bends else 2e-6)

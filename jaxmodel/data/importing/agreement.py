@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import get_args
 
 from jaxmodel.base.errors import MeasurementError, instead, nearest
+from jaxmodel.case.brushless import FACTOR, WAYS
 from jaxmodel.case.measurements import (
     AMBIENT_RANGE_DEGC,
     COLUMNS_OF_LAWS,
@@ -23,6 +24,7 @@ from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.declaration import describe
 
 _KELVIN = 273.15
+_CONSTANTS = set().union(*WAYS.values())
 
 
 def checked(options: Options, kind: Kind) -> Options:
@@ -56,6 +58,7 @@ def _words(options: Options) -> Iterator[str]:
         ("load", options.load, ("measured", "unknown", *COLUMNS_OF_LAWS)),
         ("drive", options.drive, tuple(SET_BY)),
         ("controller", options.controller, tuple(REFERENCES)),
+        ("brushless", options.brushless, tuple(FACTOR)),
     ):
         if given is not None and given not in known:
             yield f"{name}: there is no '{given}'; use {' or '.join(known)}.{nearest(str(given), known)}"
@@ -87,6 +90,8 @@ def _of_kind(options: Options, kind: Kind) -> Iterator[str]:
         yield f"each cell: cells are parted with --kind cell; remove it for a {kind}."
     if kind == "cell" and options.load:
         yield "load: a cell turns nothing; remove --load."
+    if kind == "cell" and (options.brushless or options.brushless_numbers):
+        yield "brushless: a cell turns nothing; remove --brushless."
     if kind != "motor" and options.servo != OPEN:
         yield f"drive: that of a {kind} is not modelled; remove --drive and --controller."
     if options.each_cell and options.cells_in_series > 1:
@@ -109,6 +114,13 @@ def _of_loads_and_loops(options: Options) -> Iterator[str]:
                 yield f"{what}: {said} has no number '{name}'.{instead(name, known)}"
             else:
                 known[name].check(value, f"{what}: {said}")
+    for name, value in options.brushless_numbers.items():
+        if not options.brushless:
+            yield f"brushless: '{name}' is a number of none; name one, as in --brushless rms:{name}={value:g}."
+        elif name not in _CONSTANTS:
+            yield f"brushless: a motor has no constant '{name}'.{instead(name, _CONSTANTS)}"
+        elif not value > 0.0:
+            yield f"brushless: {name} = {value:g} is not above 0; correct it."
     if loop is not None and not options.controller_numbers:
         yield (
             f"controller: {options.controller} has no gains; state them, as in --controller "

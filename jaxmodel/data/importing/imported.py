@@ -19,6 +19,7 @@ from jaxmodel.base import toml
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.schema import with_schema
+from jaxmodel.case.brushless import WAYS
 from jaxmodel.case.records import Case
 from jaxmodel.case.run_csv import write_numbers
 from jaxmodel.case.writing import preset_entry
@@ -120,6 +121,7 @@ class Imported:
             load=self.options.load,
             drive=self.options.drive,
             controller=self.options.controller,
+            brushless=self.brushless(),
             effects=self.effects(),
             preset=self.options.preset or "paper",
             parameters=self.parameters(),
@@ -149,10 +151,16 @@ class Imported:
     def parameters(self) -> dict[str, Any]:
         """Return what the case states of its hardware: the capacity, and that it is as old as when it was measured."""
         if self.capacity is None:
-            return {name: _entry(stated) for name, stated in self.constants.items()}
+            known = [name for name, keys in WAYS.items() if keys & self.options.brushless_numbers.keys()]
+            return {name: _entry(stated) for name, stated in self.constants.items() if name not in known}
         # A preset states a capacity of its own: a measured one takes precedence, an assumed one does not.
         of_files = {} if self.options.preset and not self.capacity_known else {"capacity_Ah": _entry(self.capacity)}
         return of_files | {"cycles": 0, "storage_months": 0}
+
+    def brushless(self) -> dict[str, Any] | None:
+        """Return what the user states of a brushless motor; None for a motor with brushes."""
+        current = self.options.brushless
+        return None if current is None else {"current": current, **self.options.brushless_numbers}
 
     def effects(self) -> dict[str, dict[str, float]]:
         """Return the law of the load and the controller with the numbers that the user states of them."""
@@ -377,6 +385,8 @@ def _content(imported: Imported, names: list[str], folder: Path) -> dict[str, An
     if imported.options.load:
         content["load"] = imported.options.load
     content |= {name: said for name, said in imported.options.servo._asdict().items() if said}
+    if brushless := imported.brushless():
+        content["brushless"] = brushless
     if imported.options.preset:
         content["preset"] = preset_entry(imported.options.preset, folder / "case.toml")
     if parameters := imported.parameters():

@@ -39,6 +39,8 @@ class Options:
         drive: of a motor: "current" or "voltage", what its drive sets; None for what the columns say.
         controller: of a motor: "position" or "speed", of a closed loop.
         controller_numbers: its gains, by name: `{"k_p": 40.0, "k_d": 0.2, "limit": 10.0}`.
+        brushless: of a brushless motor, what its current is: "rms" or "peak" (i_q) of a phase.
+        brushless_numbers: its constants, by name: `{"R_line_to_line_ohm": 0.1, "KV_rpm_per_V": 170.0}`.
         constants: by input of the case, a value that holds throughout (`load_torque_Nm`: 0.0).
         initial_soc: state of charge at the start of all runs.
         capacity_Ah: capacity of the cell.
@@ -78,6 +80,8 @@ class Options:
     drive: str | None = None
     controller: str | None = None
     controller_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    brushless: str | None = None
+    brushless_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
     constants: Mapping[str, float] = dataclasses.field(default_factory=dict)
     initial_soc: float | None = None
     capacity_Ah: float | None = None

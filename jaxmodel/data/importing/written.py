@@ -16,9 +16,11 @@ PAIRS = {
     "specimens": "NAME=PATTERN",
     "load_numbers": "LAW:NAME=VALUE,NAME=VALUE",
     "controller_numbers": "position:NAME=VALUE,NAME=VALUE",
+    "brushless_numbers": "rms:NAME=VALUE,NAME=VALUE",
 }
 LISTS = ("motors", "check", "flip", "sheet")
-_OF_NUMBERS = ("constants", "load_numbers", "controller_numbers")
+_WITH_NUMBERS = ("load", "controller", "brushless")
+_OF_NUMBERS = ("constants", *(f"{name}_numbers" for name in _WITH_NUMBERS))
 NUMBERS = ("rest_minutes", "ambient", "initial_soc", "capacity_Ah", "seconds_per_row")
 FLAGS = ("each_cell",)
 COUNTS = ("cells_in_series", "parallel_cells")
@@ -26,6 +28,7 @@ COUNTS = ("cells_in_series", "parallel_cells")
 _CALLED = {
     "columns": "column", "units": "unit", "constants": "constant", "specimens": "specimen", "motors": "motor",
     "capacity_Ah": "capacity", "load_numbers": "load", "controller_numbers": "controller",
+    "brushless_numbers": "brushless",
 }  # fmt: skip
 
 
@@ -39,13 +42,14 @@ def options_of(given: Mapping[str, Any]) -> Options:
 
     Args:
         given: by field of `Options`, its value or a text: pairs and lists as lists of texts or one text with commas, a
-            load or controller with its numbers as "gravity:mass_kg=0.5,arm_m=0.1"; None for what is not given.
+            load, controller or kind of current with its numbers as "gravity:mass_kg=0.5,arm_m=0.1"; None for what is
+            not given.
 
     Raises:
         MeasurementError: a text is not of its form, or a name is given twice.
     """
     given = {name: value for name, value in given.items() if value is not None}
-    for name in ("load", "controller"):
+    for name in _WITH_NUMBERS:
         said, colon, numbers = str(given.get(name, "")).partition(":")
         if colon:
             given |= {name: said.strip(), f"{name}_numbers": numbers}
