@@ -19,6 +19,7 @@ from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.in_short import InShort
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.specimens import in_words
 from jaxmodel.operation.evaluation import UNRESTED_V, filters, seen
 from jaxmodel.operation.kalman import Tuning
 from jaxmodel.operation.preparation import for_estimation
@@ -80,12 +81,13 @@ class PackCharge(InShort):
     def summary(self) -> str:
         """Return which cell is the weakest, in words."""
         least, following = self.cells[:2]
+        weakest, second = (in_words("cell", cell.specimen) for cell in (least, following))
         says = (
-            f"Cell {least.specimen} has the least charge left: {least.left_Ah:.3g} ± {least.left_sd_Ah:.2g} A h, "
-            f"{100 * least.soc:.0f} ± {100 * least.sd:.0f} % of its capacity, which is {100 * least.capacity:.0f} ± "
+            f"{weakest[0].upper()}{weakest[1:]} has the least charge left: {least.left_Ah:.3g} ± "
+            f"{least.left_sd_Ah:.2g} A h, {100 * least.soc:.0f} ± {100 * least.sd:.0f} % of its capacity, which is {100 * least.capacity:.0f} ± "
             f"{100 * least.capacity_sd:.0f} % of the stated one; "
         )
-        other = f"cell {following.specimen} has {following.left_Ah:.3g} ± {following.left_sd_Ah:.2g} A h"
+        other = f"{second} has {following.left_Ah:.3g} ± {following.left_sd_Ah:.2g} A h"
         return says + (f"{other}." if self.told_apart else f"but {other}, which these bands do not tell apart.")
 
     def to_dataframe(self) -> pd.DataFrame:

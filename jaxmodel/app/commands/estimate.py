@@ -14,6 +14,7 @@ from jaxmodel.app.commands.start import start
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
+from jaxmodel.case.specimens import in_words
 from jaxmodel.operation.evaluation import CONVERGED_S, rms
 from jaxmodel.operation.kalman import Tuning
 from jaxmodel.operation.pack import cells_of_pack
@@ -90,7 +91,7 @@ def _write_cells(case: Case, tunings: Mapping[str, Tuning] | None, out: Path, *,
     write_whole(out / "cells.csv", found.to_dataframe().to_csv(index=False, float_format="%.5g"))
     rows = [
         (
-            cell.specimen,
+            in_words("cell", cell.specimen),
             f"{cell.left_Ah:.3g} ± {cell.left_sd_Ah:.2g}",
             f"{100 * cell.soc:.1f} ± {100 * cell.sd:.1f}",
             f"{cell.capacity:.2f} ± {cell.capacity_sd:.2f}",
@@ -115,7 +116,7 @@ def _write_cells(case: Case, tunings: Mapping[str, Tuning] | None, out: Path, *,
     terminal.table("Charge of each cell", head, rows, right=range(1, 4))
     for line in lines:
         terminal.say(f"- {line}")
-    terminal.say(f"{'report.html and ' if pictures else ''}cells.csv are in {out}.")
+    terminal.say(f"{'report.html and cells.csv are' if pictures else 'cells.csv is'} in {out}.")
 
 
 def _percent(value: float) -> str:
