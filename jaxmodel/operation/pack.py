@@ -84,8 +84,8 @@ class PackCharge(InShort):
         weakest, second = (in_words("cell", cell.specimen) for cell in (least, following))
         says = (
             f"{weakest[0].upper()}{weakest[1:]} has the least charge left: {least.left_Ah:.3g} ± "
-            f"{least.left_sd_Ah:.2g} A h, {100 * least.soc:.0f} ± {100 * least.sd:.0f} % of its capacity, which is {100 * least.capacity:.0f} ± "
-            f"{100 * least.capacity_sd:.0f} % of the stated one; "
+            f"{least.left_sd_Ah:.2g} A h, {100 * least.soc:.0f} ± {100 * least.sd:.0f} % of its capacity, which is "
+            f"{100 * least.capacity:.0f} ± {100 * least.capacity_sd:.0f} % of the stated one; "
         )
         other = f"{second} has {following.left_Ah:.3g} ± {following.left_sd_Ah:.2g} A h"
         return says + (f"{other}." if self.told_apart else f"but {other}, which these bands do not tell apart.")
