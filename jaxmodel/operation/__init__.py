@@ -29,6 +29,7 @@ from jaxmodel.operation.mission import (
     mission_profile,
     read_mission,
 )
+from jaxmodel.operation.pack import CellCharge, PackCharge, cells_of_pack
 from jaxmodel.operation.polynomial import PolynomialEstimator, polynomial_estimator, run_polynomial
 from jaxmodel.operation.preparation import for_estimation
 from jaxmodel.operation.robots import cells_in_parallel, read_robots
@@ -38,6 +39,7 @@ from jaxmodel.operation.wear import Trend, Wear, trend
 __all__ = [
     "LIMITS",
     "SURFACES",
+    "CellCharge",
     "Compensation",
     "Consistency",
     "Evaluation",
@@ -46,6 +48,7 @@ __all__ = [
     "LoadEstimate",
     "Measured",
     "Mission",
+    "PackCharge",
     "PolynomialEstimator",
     "Reference",
     "RunLoad",
@@ -56,6 +59,7 @@ __all__ = [
     "Wear",
     "c_header",
     "cells_in_parallel",
+    "cells_of_pack",
     "compensate",
     "consistency",
     "cost_per_step",

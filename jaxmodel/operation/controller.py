@@ -67,7 +67,7 @@ def single_precision(
         single_given = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), dtype=np.float32), given)
         single = jax.jit(ekf)(*single_given)
         size = len(state_names(model))
-        row = tuple(jnp.zeros(()) for _ in range(3))
+        row = tuple(jnp.zeros(()) for _ in range(4))
         carried = (jnp.full(size, 0.5), jnp.eye(size))
         compiled = jax.jit(corrected_step).lower(*single_given[:2], *carried, jnp.ones(()), row).compile()
         counted, planned = compiled.cost_analysis(), compiled.memory_analysis()

@@ -31,7 +31,7 @@ START_ERROR = 0.3  # of a wrong start, in state of charge
 UNDER_LOAD_SOC = (0.8, 0.6)  # state of charge at which trials under load begin
 UNRESTED_V = 0.05  # sd of an RC pair's voltage there
 FIXED_DEGC = 25.0  # temperature of a model without a reading of it
-REFERENCE_SD = 0.005  # of the reference charge in the score; assumed
+REFERENCE_SD = 0.005  # of the reference charge of a full cell; assumed
 # Tunings are drawn log-uniformly between these: from a good sensor and table to a poor one. The sd of the capacity and
 # of the current sensor are not among them: a reference that is counted with the nominal capacity cannot tell them.
 RANGES = {
@@ -44,9 +44,12 @@ RANGES = {
     "offset_sd_V": (5e-3, 5e-2),
     "offset_s": (100.0, 5e3),
     "bias_sd_V": (5e-3, 5e-2),
+    "shift_sd": (3e-3, 5e-2),
+    "lasting_share": (0.01, 0.3),
 }
 LENGTH = 3000  # rows of runs are padded to a multiple of it: a filter compiles once for each length
 NEARER = 1.7  # in a second round tunings are drawn within this factor of the best of the first
+REACH_K = 10.0  # temperatures nearer than this tell of each other; assumed
 BLENDS_S = (60.0, 120.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0)
 Progress = Callable[[str], None]
 
@@ -69,6 +72,7 @@ class Trial:
         rested: whether the cell rested before; then the filter starts with relaxed RC pairs.
         hysteresis: assumed state of the loop of hysteresis at the start, where the model has one: that of the run if
             it rested, else the middle.
+        capacity_sd: of the capacity by which the reference was counted, as a share of it.
     """
 
     name: str
@@ -78,6 +82,7 @@ class Trial:
     offsets: tuple[float, ...]
     rested: bool
     hysteresis: float = 0.0
+    capacity_sd: float = 0.0
 
     @property
     def starts(self) -> Array:
@@ -89,6 +94,11 @@ class Trial:
         """The assumed sd of the RC pairs' voltages at the start."""
         return jnp.asarray(0.0 if self.rested else UNRESTED_V)
 
+    @property
+    def reference_sd(self) -> np.ndarray:
+        """The sd of the reference at each row: that of a full cell, and that of the charge drawn by a capacity."""
+        return np.hypot(REFERENCE_SD, self.capacity_sd * (1.0 - self.soc))
+
     def late(self, values: np.ndarray) -> np.ndarray:
         """Return the part after the time to converge, of an array of shape (..., rows and padding)."""
         return np.asarray(values)[..., : self.time_s.size][..., self.time_s > self.time_s[0] + CONVERGED_S]
@@ -99,13 +109,15 @@ class Trial:
         return np.asarray(np.sqrt(np.mean((self.late(estimates) - self.late(self.soc))[..., there] ** 2, axis=-1)))
 
     def log_scores(self, estimates: np.ndarray, sd: np.ndarray) -> np.ndarray:
-        """Return the mean of e^2/(2 s^2) + ln s after convergence, e the error and s the band, shape (...).
+        """Return the mean of e^2/(2 s^2) + ln s after convergence, shape (...).
+
+        e is the distance of the estimate from the reference, and s its sd: that of the band and of the reference.
 
         It is the logarithmic score of a normal distribution (Good, 1952), least for the band that is right.
         """
         there = np.isfinite(self.late(self.soc))
         error = (self.late(estimates) - self.late(self.soc))[..., there]
-        variance = self.late(sd)[..., there] ** 2 + REFERENCE_SD**2
+        variance = (self.late(sd) ** 2 + self.late(self.reference_sd) ** 2)[..., there]
         return np.asarray(0.5 * np.mean(error**2 / variance + np.log(variance), axis=-1))
 
     def convergence_s(self, estimate: np.ndarray, within: float = 0.05) -> float:
@@ -116,13 +128,14 @@ class Trial:
         return float(self.time_s[off[-1] + 1] - self.time_s[0]) if off[-1] + 1 < self.soc.size else float("inf")
 
 
-def trials(runs: Sequence[Run], *, with_temperature: bool) -> list[Trial]:
+def trials(runs: Sequence[Run], *, with_temperature: bool, capacity_sd: float = 0.0) -> list[Trial]:
     """Return for each run a trial from its start, and trials under load that leave time to converge and to be scored.
 
     Args:
         runs: of a cell, with readings of its voltage and a reference of its charge (`soc`).
         with_temperature: whether the model has the measured temperature of the cell (the ambient where there is
             none), or always 25 degC.
+        capacity_sd: of the capacity by which the reference was counted, as a share of it.
 
     Raises:
         MeasurementError: a run has no reference at its start, or none after the time to converge.
@@ -138,15 +151,24 @@ def trials(runs: Sequence[Run], *, with_temperature: bool) -> list[Trial]:
                 f"{run.file}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators "
                 "have to converge."
             )
-        made.append(_trial(run, 0, (0.0, -START_ERROR), with_temperature))
+        made.append(_trial(run, 0, (0.0, -START_ERROR), with_temperature, capacity_sd))
         for charge in UNDER_LOAD_SOC:
             row = int(np.argmax(soc < charge))
             if row > 0 and run.measured.time_s[-1] - run.measured.time_s[row] > 2.0 * CONVERGED_S:
-                made.append(_trial(run, row, (-START_ERROR, START_ERROR), with_temperature))
+                made.append(_trial(run, row, (-START_ERROR, START_ERROR), with_temperature, capacity_sd))
     return made
 
 
-def _trial(run: Run, row: int, offsets: tuple[float, ...], with_temperature: bool) -> Trial:
+def _trial(run: Run, row: int, offsets: tuple[float, ...], with_temperature: bool, capacity_sd: float) -> Trial:
+    measured = seen(run, row, with_temperature=with_temperature)
+    known = run.overrides.get("initial_hysteresis") if row == 0 else None
+    hysteresis = 0.0 if known is None else known.value
+    soc, time_s, rested = run.measured.outputs["soc"][row:], run.measured.time_s[row:], row == 0
+    return Trial(run.name, measured, soc, time_s, offsets, rested, hysteresis, capacity_sd)
+
+
+def seen(run: Run, row: int, *, with_temperature: bool) -> Measured:
+    """Return a cell's run from a row on as an estimator sees it, padded to one of few lengths."""
     inputs, outputs = run.measured.inputs, run.measured.outputs
     degC = outputs.get("cell_temperature_degC", inputs["ambient_degC"]) if with_temperature else FIXED_DEGC
     if with_temperature:
@@ -158,15 +180,39 @@ def _trial(run: Run, row: int, offsets: tuple[float, ...], with_temperature: boo
     def padded(values: np.ndarray, by: float) -> Array:
         return jnp.asarray(np.concatenate([values, np.full(length - values.size, by)]))
 
-    measured = Measured(
+    return Measured(
         padded(columns[0], time_s[-1]),
         padded(columns[1], 0.0),
         padded(columns[2], columns[2][-1]),
         padded(outputs["voltage_V"][row:], np.nan),
     )
-    known = run.overrides.get("initial_hysteresis") if row == 0 else None
-    hysteresis = 0.0 if known is None else known.value
-    return Trial(run.name, measured, outputs["soc"][row:], time_s, offsets, rested=row == 0, hysteresis=hysteresis)
+
+
+def known_of(trials: Sequence[Trial], fit: Sequence[Trial]) -> list[Trial]:
+    """Return trials with the least charge that some runs reached near the temperature of each row, 1 where none was.
+
+    A model is known where it was compared with readings. Below, as of a cold cell nearly empty, it is extrapolated.
+
+    Args:
+        trials: to be filtered.
+        fit: of the runs that made and corrected the model.
+    """
+    degC, soc = (np.concatenate([of(one) for one in fit]) for of in (_degC, lambda one: one.soc))
+    order = np.argsort(degC[np.isfinite(soc)])
+    degC, soc = degC[np.isfinite(soc)][order], soc[np.isfinite(soc)][order]
+    grid = np.arange(np.floor(degC[0] - REACH_K), degC[-1] + REACH_K + 1.0)
+    near = [(np.searchsorted(degC, at - REACH_K), np.searchsorted(degC, at + REACH_K)) for at in grid]
+    least = np.array([np.min(soc[low:high], initial=1.0) for low, high in near])
+
+    def of(trial: Trial) -> Trial:
+        rows = jnp.interp(trial.measured.degC, grid, least, left=1.0, right=1.0)
+        return dataclasses.replace(trial, measured=dataclasses.replace(trial.measured, least_soc=rows))
+
+    return [of(trial) for trial in trials]
+
+
+def _degC(trial: Trial) -> np.ndarray:
+    return np.asarray(trial.measured.degC)[: trial.soc.size]
 
 
 def _without_gaps(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -200,15 +246,15 @@ def filters(
 
 @eqx.filter_jit
 def _bands(
-    model: Model, tunings: Tuning, measured: Measured, starts: Array, pairs_sd_V: Array, hysteresis: Array
+    models: Model, tunings: Tuning, measured: Measured, starts: Array, pairs_sd_V: Array, hysteresis: Array
 ) -> tuple[Array, Array]:
     """Return charge and band of a filter for each trial, tuning and start: shape (trials, tunings, starts, rows)."""
 
-    def one(*trial: Any) -> tuple[Array, Array]:
+    def one(model: Model, *trial: Any) -> tuple[Array, Array]:
         track = filters(model, tunings, *trial)
         return track.soc, track.sd
 
-    return jax.vmap(one)(measured, starts, pairs_sd_V, hysteresis)
+    return eqx.filter_vmap(one)(models, measured, starts, pairs_sd_V, hysteresis)
 
 
 def _stacked(trials: Sequence[Trial]) -> tuple[Any, ...]:
@@ -220,8 +266,9 @@ def _stacked(trials: Sequence[Trial]) -> tuple[Any, ...]:
             return jnp.concatenate([values, jnp.full(rows - values.size, last)])
 
         m = trial.measured
+        least = None if m.least_soc is None else to(m.least_soc, m.least_soc[-1])
         return Measured(
-            to(m.time_s, m.time_s[-1]), to(m.current_A, 0.0), to(m.degC, m.degC[-1]), to(m.voltage_V, jnp.nan)
+            to(m.time_s, m.time_s[-1]), to(m.current_A, 0.0), to(m.degC, m.degC[-1]), to(m.voltage_V, jnp.nan), least
         )
 
     each = [(longer(t), t.starts, t.pairs_sd_V, jnp.asarray(t.hysteresis)) for t in trials]
@@ -246,24 +293,25 @@ def draw_tunings(count: int, near: Tuning | None = None) -> Tuning:
     return Tuning(**{name: drawn.get(name, jnp.full(count, getattr(base, name))) for name in vars(base)})
 
 
-def tune_filter(model: Model, fit: Sequence[Trial], count: int, progress: Progress) -> tuple[Tuning, float]:
+def tune_filter(models: Sequence[Model], fit: Sequence[Trial], count: int, progress: Progress) -> tuple[Tuning, float]:
     """Return the tuning with the least score over some trials, and that score: see `Trial.log_scores`.
 
     Args:
-        model: of the cell.
+        models: of the cell, one for each trial, of one structure.
         fit: trials of the runs to tune on.
         count: tunings to try, a power of two; half as many again are tried near the best of them.
         progress: called with the name of each round before it.
     """
     progress("first round")
-    first = _best(model, fit, draw_tunings(count))
+    first = _best(models, fit, draw_tunings(count))
     progress("second round")
-    second = _best(model, fit, draw_tunings(max(1, count // 2), first[0]))
+    second = _best(models, fit, draw_tunings(max(1, count // 2), first[0]))
     return min(first, second, key=lambda pair: pair[1])
 
 
-def _best(model: Model, fit: Sequence[Trial], drawn: Tuning) -> tuple[Tuning, float]:
-    soc, sd = map(np.asarray, _bands(model, drawn, *_stacked(fit)))
+def _best(models: Sequence[Model], fit: Sequence[Trial], drawn: Tuning) -> tuple[Tuning, float]:
+    stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *models)
+    soc, sd = map(np.asarray, _bands(stacked, drawn, *_stacked(fit)))
     scores = [trial.log_scores(*track) for trial, *track in zip(fit, soc, sd, strict=True)]
     mean = np.mean(np.concatenate(scores, axis=1), axis=1)
     best = int(np.nanargmin(mean))

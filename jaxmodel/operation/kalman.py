@@ -34,8 +34,11 @@ PAIRS = ("v_ts_V", "v_tl_V")
 SECANT = 0.1  # of the state of charge; assumed, a few knots of a table
 SHORTEST_S = 1e-9  # of a correlation: none, and no division by zero
 
-# Current, temperature and voltage of a row.
-Row = tuple[Array, Array, Array]
+# Charge below the least that is known of the model over which what the load takes becomes wholly unknown; assumed.
+BEYOND = 0.05
+
+# Current, temperature, voltage and least known charge of a row.
+Row = tuple[Array, Array, Array, Array]
 
 
 def _as_array(value: Any) -> Array:
@@ -54,6 +57,10 @@ class Tuning(InShort, eqx.Module):
         scale_s: correlation time of that process.
         offset_sd_V: of the offset of the open-circuit voltage, a process of the same kind.
         offset_s: correlation time of that process.
+        shift_sd: of a shift of the open-circuit voltage along the charge, in state of charge; its slope makes it a
+            part of the sd of that process, large where the voltage is steep: near empty.
+        lasting_share: of an error of the model that lasts as long as that process, as diffusion that no RC pair holds:
+            a share of what the load takes, so that it is large in the cold.
         capacity_sd: of the logarithm of the scale of the capacity, constant in a run. By default 0.1: a cell at the
             usual end of its life, 80 % of its capacity, is two of these away (assumed).
         current_sd: of a constant offset of the current sensor, as a share of the capacity in an hour (1/h). By default
@@ -80,6 +87,8 @@ class Tuning(InShort, eqx.Module):
     current_sd: Scalar = eqx.field(default=0.003, converter=_as_array)
     bias_sd_V: Scalar = eqx.field(default=0.0, converter=_as_array)
     error_s: Scalar = eqx.field(default=0.0, converter=_as_array)
+    shift_sd: Scalar = eqx.field(default=0.0, converter=_as_array)
+    lasting_share: Scalar = eqx.field(default=0.0, converter=_as_array)
 
 
 class Measured(InShort, eqx.Module):
@@ -90,6 +99,8 @@ class Measured(InShort, eqx.Module):
         current_A: held since the row before, positive on discharge.
         degC: temperature for the model: the cell's, or a fixed one where it is not measured.
         voltage_V: of the cell; NaN where there is no reading.
+        least_soc: the least state of charge at which the model is known at this temperature; None if it is known
+            everywhere. Below it, what the load takes is known to no more than its size.
 
     Example:
         >>> import jax.numpy as jnp
@@ -105,6 +116,7 @@ class Measured(InShort, eqx.Module):
     current_A: Float[Array, " rows"]
     degC: Float[Array, " rows"]
     voltage_V: Float[Array, " rows"]
+    least_soc: Float[Array, " rows"] | None = None
 
 
 class FilterOutput(InShort, eqx.Module):
@@ -174,7 +186,8 @@ def first_corrected(
 ) -> tuple[tuple[Array, Array], tuple[Array, ...], tuple[Array, Row]]:
     """Return mean and covariance after the first reading, the output there, and durations and columns of later rows."""
     duration = jnp.diff(measured.time_s)
-    readings = (measured.current_A, measured.degC, measured.voltage_V)
+    least = jnp.zeros_like(measured.degC) if measured.least_soc is None else measured.least_soc
+    readings = (measured.current_A, measured.degC, measured.voltage_V, least)
     first, later = (jax.tree.map(lambda x, part=part: x[part], readings) for part in (0, slice(1, None)))
     before = _before_first_reading(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
     # A wrong start is far from where the curves should be linearised: the first reading is, where it is most probable.
@@ -190,11 +203,11 @@ def _before_first_reading(
     names = state_names(model)
     state = initial_state(model, _inputs(first)) | {"soc": start_soc} | dict.fromkeys(VARYING, jnp.zeros(()))
     known = dict.fromkeys(PAIRS, pairs_sd_V)
-    known |= {"soc": tuning.start_sd, "log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
+    known |= {"soc": tuning.start_sd, "log_scale": tuning.scale_sd}
     known |= {"log_capacity": tuning.capacity_sd, "drift_per_h": tuning.current_sd, HYSTERESIS: HYSTERESIS_SD}
     known["bias_V"] = tuning.bias_sd_V
     mean = jnp.stack([jnp.asarray(state[name], dtype=float) for name in names])
-    known["error_V"] = tuning.drop_share * _drop(model, mean, first)
+    known["error_V"], known["offset_V"] = _voltage_sds(model, tuning, mean, first)
     variances = jnp.stack([jnp.asarray(known.get(name, 0.0), dtype=float) ** 2 for name in names])
     return mean, variances[:, None] * jnp.eye(len(names))
 
@@ -244,8 +257,8 @@ def moved(model: Model, tuning: Tuning, x: Array, duration: Array, row: Row) -> 
 def added_variance(model: Model, tuning: Tuning, x: Array, duration: Array, row: Row) -> Array:
     """Return the variance that a step to a state vector adds to each state: that of counting, and of what varies."""
     keep = _kept(tuning, duration)
-    sd = {"log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
-    sd["error_V"] = tuning.drop_share * _drop(model, x, row)
+    sd = {"log_scale": tuning.scale_sd}
+    sd["error_V"], sd["offset_V"] = _voltage_sds(model, tuning, x, row)
     noise = {name: sd[name] ** 2 * (1.0 - keep[name] ** 2) for name in sd}
     noise["soc"] = tuning.charge_sd**2 * duration / 3600.0
     return jnp.stack([jnp.asarray(noise.get(name, 0.0), dtype=float) for name in state_names(model)])
@@ -264,10 +277,15 @@ def expected_voltage(model: Model, x: Array, row: Row) -> Array:
     here = _losing(state)
     unloaded = read(own, here, resting)["voltage_V"]
     lost = unloaded - read(own, here, inputs)["voltage_V"]
-    low, high = (jnp.clip(here["soc"] + by, *SOC_RANGE) for by in (-SECANT, SECANT))
-    across = [jax.lax.stop_gradient(read(own, here | {"soc": at}, resting)["voltage_V"]) for at in (low, high)]
-    slope = (across[1] - across[0]) / jnp.maximum(high - low, SECANT)  # beyond the range it is 0
+    slope = jax.lax.stop_gradient(_secant(own, here, resting))
     return unloaded + slope * (state["soc"] - here["soc"]) - jnp.exp(varying["log_scale"]) * lost
+
+
+def _secant(own: Model, state: dict[str, Array], resting: dict[str, Array]) -> Array:
+    """Return the slope of the open-circuit voltage, in V: of a secant, 0 beyond the range."""
+    low, high = (jnp.clip(state["soc"] + by, *SOC_RANGE) for by in (-SECANT, SECANT))
+    across = [read(own, state | {"soc": at}, resting)["voltage_V"] for at in (low, high)]
+    return (across[1] - across[0]) / jnp.maximum(high - low, SECANT)
 
 
 def _losing(state: dict[str, Array]) -> dict[str, Array]:
@@ -279,12 +297,20 @@ def _losing(state: dict[str, Array]) -> dict[str, Array]:
     return state | {"soc": jax.lax.stop_gradient(state["soc"])}
 
 
-def _drop(model: Model, x: Array, row: Row) -> Array:
-    """Return what the load takes from the open-circuit voltage, in V."""
+def _voltage_sds(model: Model, tuning: Tuning, x: Array, row: Row) -> tuple[Array, Array]:
+    """Return the sd of the passing error and of the offset of the open-circuit voltage, in V.
+
+    s_e = d D and s_o^2 = o^2 + (b dV_oc/dSOC)^2 + (l^2 + u^2) D^2, D what the load takes from the open-circuit voltage,
+    u from 0 to 1 below the least charge at which the model is known.
+    """
     own, state, _ = _named(model, x)
+    resting = _inputs(row) | {"current_A": jnp.zeros(())}
     relaxed = state | {name: jnp.zeros(()) for name in PAIRS}
-    at_rest = read(own, relaxed, _inputs(row) | {"current_A": jnp.zeros(())})["voltage_V"]
-    return at_rest - expected_voltage(model, x, row)
+    drop = read(own, relaxed, resting)["voltage_V"] - expected_voltage(model, x, row)
+    unknown = jnp.clip((row[3] - state["soc"]) / BEYOND, 0.0, 1.0)
+    parts = (tuning.offset_sd_V, tuning.shift_sd * _secant(own, state, resting), tuning.lasting_share * drop)
+    parts = (*parts, unknown * drop)
+    return tuning.drop_share * drop, jnp.sqrt(sum(part**2 for part in parts))
 
 
 def _predict(

@@ -10,7 +10,7 @@ import dataclasses
 import json
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.in_short import InShort
 from jaxmodel.base.progress import Stage, stages
 from jaxmodel.base.schema import with_schema, without_schema
-from jaxmodel.case.build import case_model
+from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.measurements import file_label, read_utf8
 from jaxmodel.case.records import Case
 from jaxmodel.model.electrothermal import Model
@@ -34,6 +34,7 @@ from jaxmodel.operation.evaluation import (
     FIXED_DEGC,
     Trial,
     filters,
+    known_of,
     polynomials,
     rms,
     trials,
@@ -57,6 +58,7 @@ POLYNOMIAL_DEGC = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
 BATCH, BATCH_ROWS = 4096, 200
 # What a tuning of an older version lacks, at the values of that version.
 ADDED = {"capacity_sd": 0.0, "current_sd": 0.0, "bias_sd_V": 0.0, "error_s": 0.0}
+ADDED |= {"shift_sd": 0.0, "lasting_share": 0.0}
 SCORED = ("innovation", "sd", "scale", "capacity_scale")
 
 
@@ -149,12 +151,13 @@ def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, rep
         raise MeasurementError(
             f"{case.label}: estimate needs a case of kind cell with runs of both splits, fit and check."
         )
-    model = _estimators_model(case)
+    model, capacity_sd = _estimators_model(case), _capacity_sd(case)
     chosen = dict(tunings or {})
     for name, with_temperature in ((FILTER, True), (FILTER_FIXED, False)):
         if name not in chosen:
-            of_fit = trials(fit, with_temperature=with_temperature)
-            chosen[name], _ = tune_filter(model, of_fit, count, lambda run, n=name: report(f"tuning: {n}, {run}"))
+            of_fit = trials(fit, with_temperature=with_temperature, capacity_sd=capacity_sd)
+            models = [_estimators_model(case, without=trial.name) for trial in of_fit]
+            chosen[name], _ = tune_filter(models, of_fit, count, lambda run, n=name: report(f"tuning: {n}, {run}"))
     made = {
         name: tune_polynomial(
             lambda blend, degC=degC: polynomial_estimator(model, np.array(degC), blend),
@@ -172,7 +175,8 @@ def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, rep
         (True, (FILTER, SIGMA_POINTS, POLYNOMIAL, COUNTED)),
         (False, (FILTER_FIXED, POLYNOMIAL_FIXED)),
     ):
-        for trial in trials(check, with_temperature=with_temperature):
+        of_fit = trials(fit, with_temperature=with_temperature)
+        for trial in known_of(trials(check, with_temperature=with_temperature, capacity_sd=capacity_sd), of_fit):
             report(f"scoring: {'with' if with_temperature else 'without'} the temperature, {trial.name}")
             for name in names:
                 soc, output = _estimate(model, trial, name, chosen_or_same.get(name), made.get(name))
@@ -182,16 +186,34 @@ def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, rep
                     of_run[name] = soc[1][: trial.soc.size]
                     if output:
                         of_run[f"{name}, sd"] = output["sd"][1][: trial.soc.size]
-    first = trials(check[:1], with_temperature=True)[0]
+    first = known_of(trials(check[:1], with_temperature=True), trials(fit, with_temperature=True))[0]
     start = float(first.starts[1])
     single = single_precision(model, chosen[FILTER], first.measured, start)
     return Evaluation(chosen, made, pd.DataFrame(rows), estimates, single, model)
 
 
-def _estimators_model(case: Case) -> Model:
-    """Return the model of a case as its estimators use it: see `for_estimation` and `calibrated`."""
+def _capacity_sd(case: Case) -> float:
+    """Return the sd of the capacity of a case, by which its references count, as a share of it."""
+    capacity = with_preset(case).parameters["capacity_Ah"]
+    return (capacity.sd or 0.0) / capacity.value
+
+
+def _estimators_model(case: Case, without: str = "") -> Model:
+    """Return the model of a case as its estimators use it: see `for_estimation` and `calibrated`.
+
+    Args:
+        case: of kind "cell".
+        without: a fit run that does not correct the table, unless it is the only one: so that a band that is tuned on
+            it holds the errors of runs that corrected nothing.
+    """
     fit = trials([run for run in case.runs if run.split == "fit"], with_temperature=True)
-    return calibrated(for_estimation(case_model(case)), [trial for trial in fit if trial.rested])
+    rested = [trial for trial in _others(fit, without) if trial.rested]
+    return calibrated(for_estimation(case_model(case)), rested)
+
+
+def _others(trials: Sequence[Trial], name: str) -> list[Trial]:
+    """Return the trials of other runs than one; all if there are no others."""
+    return [trial for trial in trials if trial.name != name] or list(trials)
 
 
 def read_tunings(path: str | Path) -> dict[str, Tuning]:
@@ -262,7 +284,9 @@ def _row(trial: Trial, name: str, start: int, soc: np.ndarray, output: Mapping[s
         "nis_high": test.high,
         "verdict": test.verdict,
         "sd": rms(late["sd"]) if output else np.nan,
-        "within_2_sd": float(np.mean(error < 2.0 * late["sd"])) if output else np.nan,
+        "within_2_sd": float(np.mean(error < 2.0 * np.hypot(late["sd"], trial.late(trial.reference_sd))))
+        if output
+        else np.nan,
         "scale": float(np.median(late["scale"])) if output else np.nan,
         "capacity": float(late["capacity_scale"][-1]) if output else np.nan,
     }

@@ -29,6 +29,8 @@ KINETICS = ("charge_transfer", "slow_diffusion")
 ODDS = 3.0
 MOST_V_PER_K = 5e-4  # of the entropy (design)
 NO_WORSE = 1.02  # how far a channel's error may grow over that of the first case, beyond its tolerance (design)
+# Root mean square of the pulls of a fit, in sd, from which its numbers are against what is stated. Assumed.
+FAR = 1.5
 SHARE_SD = 0.3  # of the heat transfer beside a heat capacity that is held. Assumed.
 
 
@@ -71,7 +73,8 @@ def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) 
     worse = _worse(cache, fit, before)
     if of := _beyond(cache, fit):
         other = calibrate(cache.view, spec, stated, cache.tolerances, held=of)
-        if worse or (_worse(cache, fit, other.errors) and not _worse(cache, other, fit.errors)):
+        nearer = _worse(cache, fit, other.errors) and not _worse(cache, other, fit.errors)
+        if worse or (nearer and _is_credible(other)):
             fit, held = other, of
     if _worse(cache, fit, before):
         held = list(cache.tolerances)
@@ -106,6 +109,11 @@ def _worse(cache: FitCache, fit: Fit, before: np.ndarray) -> list[str]:
         for name, tolerance in cache.tolerances.items()
         if name in now and math.sqrt(now[name]) > max(NO_WORSE * math.sqrt(then[name]), tolerance)
     ]
+
+
+def _is_credible(fit: Fit) -> bool:
+    """Return whether a fit's numbers are on the whole within a few sd of what is stated of them."""
+    return float(np.sqrt(np.mean(fit.pulls**2))) < FAR
 
 
 def _beyond(cache: FitCache, fit: Fit) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,7 +21,7 @@ from jaxmodel.model.profile import Profile
 from jaxmodel.model.simulation import simulate
 from jaxmodel.operation import Measured, Tuning, consistency, ekf, for_estimation, single_precision
 from jaxmodel.operation.calibration import calibrated
-from jaxmodel.operation.evaluation import Trial
+from jaxmodel.operation.evaluation import Trial, known_of
 from jaxmodel.operation.innovations import CAUTIOUS, CONSISTENT, OVERCONFIDENT
 from jaxmodel.operation.kalman import expected_voltage, state_names, within_range
 from jaxmodel.operation.sigma_points import cubature_filter
@@ -168,7 +170,7 @@ def test_table_is_corrected_by_runs_whose_charge_is_known() -> None:
 
 def test_voltage_beyond_the_range_is_that_of_its_end() -> None:
     """Sigma points lie beyond a full cell: there the voltage is held, and its derivative by the charge is 0."""
-    names, row = state_names(CELL), (jnp.zeros(()), jnp.asarray(20.0), jnp.asarray(4.0))
+    names, row = state_names(CELL), (jnp.zeros(()), jnp.asarray(20.0), jnp.asarray(4.0), jnp.zeros(()))
 
     def volts(soc: Array) -> Array:
         return expected_voltage(CELL, jnp.zeros(len(names)).at[names.index("soc")].set(soc), row)
@@ -176,3 +178,36 @@ def test_voltage_beyond_the_range_is_that_of_its_end() -> None:
     assert float(volts(jnp.asarray(1.7))) == pytest.approx(float(volts(jnp.asarray(1.001))))
     assert float(jax.grad(volts)(jnp.asarray(1.7))) == 0.0
     assert float(jax.grad(volts)(jnp.asarray(0.6))) > 0.3
+
+
+def test_what_no_run_has_shown_is_unknown() -> None:
+    """Below 60 % the resistance is threefold: a filter that knows that no run has been there counts, and says so."""
+    table = CELL.curves.R_ints
+    assert isinstance(table, Table)
+    more = table.values * np.where(np.asarray(table.soc) < 0.6, 3.0, 1.0)
+    measured, soc = drive(eqx.tree_at(lambda m: m.curves.R_ints.values, CELL, more))
+    trial = Trial("made", measured, soc, TIME_S, (0.0,), rested=True)
+    upper = dataclasses.replace(trial, soc=np.maximum(soc, 0.6))
+    (known,) = known_of([trial], [upper])
+    assert float(known.measured.least_soc[0]) == pytest.approx(0.6)
+    tracks = [RUN(CELL, QUIET, one.measured, jnp.asarray(1.0), jnp.zeros(())) for one in (trial, known)]
+    low = soc < 0.5
+    errors = [np.abs(np.asarray(track.soc) - soc)[low].max() for track in tracks]
+    assert errors[1] < 0.3 * errors[0]
+    sds = [float(np.mean(np.asarray(track.sd)[low])) for track in tracks]
+    assert sds[1] > 1.5 * sds[0]
+
+
+def test_model_is_known_near_the_temperatures_of_its_runs() -> None:
+    measured, soc = drive(CELL)
+    trial = Trial("made", measured, soc, TIME_S, (0.0,), rested=True)
+    cold = dataclasses.replace(trial, measured=eqx.tree_at(lambda m: m.degC, measured, measured.degC - 40.0))
+    near = dataclasses.replace(trial, measured=eqx.tree_at(lambda m: m.degC, measured, measured.degC - 8.0))
+    least = [float(one.measured.least_soc[0]) for one in known_of([trial, near, cold], [trial])]
+    np.testing.assert_allclose(least, [soc.min(), soc.min(), 1.0])
+
+
+def test_reference_is_as_uncertain_as_the_charge_drawn() -> None:
+    soc = np.linspace(1.0, 0.2, TIME_S.size)
+    trial = Trial("made", drive(CELL)[0], soc, TIME_S, (0.0,), rested=True, capacity_sd=0.02)
+    np.testing.assert_allclose(trial.reference_sd[[0, -1]], [0.005, np.hypot(0.005, 0.016)])

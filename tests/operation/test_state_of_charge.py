@@ -133,7 +133,7 @@ def test_error_is_counted_after_the_time_to_converge() -> None:
 
 def test_tuning_is_the_best_of_those_drawn() -> None:
     trial = Trial("made", COLD, COLD_SOC, TIME_S, (0.0, -0.2), rested=True)
-    tuning, score = tune_filter(CELL, [trial], 2, lambda run: None)
+    tuning, score = tune_filter([CELL], [trial], 2, lambda run: None)
     drawn = draw_tunings(2)
     tracks = filters(CELL, drawn, COLD, trial.starts, trial.pairs_sd_V)
     scores = np.mean(trial.log_scores(np.asarray(tracks.soc), np.asarray(tracks.sd)), axis=1)

@@ -14,8 +14,10 @@ from jaxmodel.app.commands.start import start
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
+from jaxmodel.case.specimens import in_words
 from jaxmodel.operation.evaluation import CONVERGED_S, rms
 from jaxmodel.operation.kalman import Tuning
+from jaxmodel.operation.pack import cells_of_pack
 from jaxmodel.operation.state_of_charge import (
     BATCH,
     ESTIMATORS,
@@ -35,11 +37,12 @@ from jaxmodel.plots.style import png
 
 
 def estimate(path: Path, out: Path, count: int, tuning_path: Path | None, *, pictures: bool = True) -> None:
-    """Write `report.html`, `tuning.json`, `errors.csv` and pictures to `out`.
+    """Write `report.html`, `tuning.json`, `errors.csv` and pictures to `out`; of cells of a pack, `cells.csv`.
 
     Args:
         path: a case of kind "cell" whose runs have `voltage_V` and a reference `soc`; estimators are tuned on the runs
-            of split "fit" and scored on those of split "check".
+            of split "fit" and scored on those of split "check". Or one whose runs are of several cells, without `soc`:
+            then the charge of each is estimated.
         out: the folder.
         count: tunings to try.
         tuning_path: a `tuning.json` of an earlier evaluation: nothing is tuned.
@@ -52,6 +55,9 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None, *, pic
     case = read_case(path)
     tunings = read_tunings(tuning_path) if tuning_path else None
     start(out)
+    if len(case.specimens) > 1 and not any("soc" in run.measured.outputs for run in case.runs):
+        _write_cells(case, tunings, out, pictures=pictures)
+        return
     with terminal.stages("estimate") as progress:
         found = evaluate_estimators(case, count=count, tunings=tunings, progress=progress)
         found.write_tunings(out / "tuning.json")
@@ -77,6 +83,40 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None, *, pic
     for line in lines:
         terminal.say(f"- {line}")
     terminal.say(f"{'report.html, ' if pictures else ''}tuning.json and errors.csv are in {out}.")
+
+
+def _write_cells(case: Case, tunings: Mapping[str, Tuning] | None, out: Path, *, pictures: bool) -> None:
+    """Write the charge of each cell of a pack, and say which is the weakest."""
+    found = cells_of_pack(case, tunings[FILTER] if tunings else None)
+    write_whole(out / "cells.csv", found.to_dataframe().to_csv(index=False, float_format="%.5g"))
+    rows = [
+        (
+            in_words("cell", cell.specimen),
+            f"{cell.left_Ah:.3g} ± {cell.left_sd_Ah:.2g}",
+            f"{100 * cell.soc:.1f} ± {100 * cell.sd:.1f}",
+            f"{cell.capacity:.2f} ± {cell.capacity_sd:.2f}",
+            cell.run,
+        )
+        for cell in found.cells
+    ]
+    head = ("cell", "charge left [A h]", "state of charge [%]", "capacity, of the stated", "at the end of")
+    lines = [found.summary()]
+    if not tunings:
+        lines.append(
+            "The bands are those of an untuned filter; --tuning takes the tuning.json of a cell of this kind whose "
+            "charge was measured."
+        )
+    words = [
+        "Cells in series lose the same charge: the pack is empty with the cell that has the least left. ± is one sd. A "
+        "cell with more resistance has less voltage under load, and is not weaker for that."
+    ]
+    sections = [Section("Charge of each cell", [*words, Table("cells", head, rows)])]
+    title = f"State of charge: {case.title}"
+    write_article(out, title, f"{len(rows)} cells", lines, sections, case.files, pictures=pictures)
+    terminal.table("Charge of each cell", head, rows, right=range(1, 4))
+    for line in lines:
+        terminal.say(f"- {line}")
+    terminal.say(f"{'report.html and cells.csv are' if pictures else 'cells.csv is'} in {out}.")
 
 
 def _percent(value: float) -> str:
