@@ -1,0 +1,34 @@
+"""`jaxmodel export`: the model of a case in the format of another tool."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from jaxmodel.app import terminal
+from jaxmodel.app.commands.start import read_case_with, start
+from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.export.formats import export
+
+
+def export_to(path: Path, to: str, out: Path, effects: Sequence[str], *, precision: str | None) -> None:
+    """Write the file, and print what it does not carry.
+
+    Raises:
+        UserError: the case, the format or the file cannot be used.
+    """
+    case = read_case_with(path, effects)
+    if out.resolve() in [file.resolve() for file in case.files]:
+        raise MeasurementError(f"--out {out}: this is a file of the case; give another.")
+    if out.is_dir():
+        raise MeasurementError(f"--out {out}: this is a folder; give a file.")
+    start(None)
+    found = export(case, to, precision=precision)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(out, found.content)
+    terminal.say(f"{out} has the model of {case.name}.")
+    if found.left_out:
+        terminal.say("What it does not carry:")
+    for sentence in found.left_out:
+        terminal.say(f"- {sentence}")
