@@ -391,16 +391,16 @@ def export(
         str, typer.Option(metavar="FORMAT", help="c, mujoco, pybamm, or one that a package adds.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The file.", show_default=False)],
-    precision: Annotated[
-        str | None,
-        typer.Option(metavar="float64|float32", help="Of the numbers of C; float64 by default.", show_default=False),
+    option: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Of the format, as precision=float32 of c.", show_default=False),
     ] = None,
     effect: Effects = None,
 ) -> None:
     """Write the model of a case in the format of another tool, and say what the file does not carry."""
     from jaxmodel.app.commands.export import export_to
 
-    export_to(case, to, out, effect or [], precision=precision)
+    export_to(case, to, out, effect or [], option or [])
 
 
 def main() -> None:

@@ -68,7 +68,7 @@ def export_c(case: Case, *, precision: str = "float64") -> Exported:
         ParameterError: the precision is unknown, or the model has an operation that has no C.
     """
     if precision not in PRECISIONS:
-        raise ParameterError(f"--precision: there is no '{precision}'; use float64 or float32.")
+        raise ParameterError(f"There is no precision '{precision}' of C; use float64 or float32.")
     run = case.runs[0]
     model, profile = case_model(case), run_profile(run)
     left_out = (*ideal_readings(model), *own_values_of_runs(case), *_other_inputs(case))

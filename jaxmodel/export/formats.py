@@ -24,6 +24,7 @@ GROUP = "jaxmodel.export"
 # Ours stand here too, so that they need no installed package.
 OWN = {
     "c": "jaxmodel.export.c_model:export_c",
+    "mujoco": "jaxmodel.export.mujoco_actuator:export_mujoco",
     "pybamm": "jaxmodel.export.pybamm_parameters:export_pybamm",
 }
 
@@ -45,7 +46,7 @@ def export(case: Case, to: str, **options: Any) -> Exported:
     Args:
         case: of any kind that the format takes.
         to: a name of `formats`.
-        options: what the format takes beside the case; None is as if it was not given.
+        options: what the format takes beside the case.
 
     Raises:
         ParameterError: there is no such format, it has no such option, or it cannot hold such a case.
@@ -58,12 +59,11 @@ def export(case: Case, to: str, **options: Any) -> Exported:
     except (ImportError, AttributeError) as error:
         why = f"The format '{to}' cannot be loaded ({reason(error)}); install its package anew."
         raise ParameterError(why) from error
-    given = {name: value for name, value in options.items() if value is not None}
     taken = list(inspect.signature(function).parameters)[1:]
-    for name in given:
+    for name in options:
         if name not in taken:
-            raise ParameterError(f"The format '{to}' takes no '{name}'; leave it out.")
-    return function(case, **given)
+            raise ParameterError(f"The format '{to}' takes no '{name}'.{instead(name, taken)}")
+    return function(case, **options)
 
 
 def export_case(case: Case, to: str, out: str | Path | None = None, **options: Any) -> Exported:
