@@ -71,6 +71,46 @@ def test_the_general_actuator_has_the_line_of_torque_over_speed() -> None:
     assert numbers(motor["biasprm"]) == pytest.approx([0.0, 0.0, -(float(p.k_tau) ** 2) / warm])
 
 
+def servo(gear_ratio: float = 1.0, k_d: float = 0.1) -> Case:
+    """A geared motor that holds a weight on an arm, its reference a sum of two sines."""
+    time_s = np.arange(0.0, 6.0, 0.004)
+    reference = 0.8 * np.sin(2.0 * time_s) * np.sin(0.7 * time_s)
+    columns = {"reference_position_rad": reference, "ambient_degC": 25.0, "position_rad": 0.1}
+    effects = {
+        "gravity_load": {"mass_kg": 0.5, "arm_m": 0.1, "gear_ratio": gear_ratio},
+        "position_controller": {"k_p": 12.0, "k_d": k_d, "limit": 7.0},
+    }
+    parameters = {"k_tau": 0.4 / gear_ratio, "R_0": 4.5, "J": 3e-3 / gear_ratio**2, "tau_0": 0.1 / gear_ratio}
+    frame = pd.DataFrame({"time_s": time_s} | columns)
+    return Case.from_dataframes(
+        {"a": frame}, kind="motor", load="gravity", controller="position", effects=effects, parameters=parameters
+    )
+
+
+def test_a_servo_has_its_weight_and_its_controller_in_torque() -> None:
+    """v = R/K (kp e - kd w) + K w is k_p e - k_d w."""
+    case = servo(gear_ratio=50.0)
+    motor, body = attributes(case, "dcmotor"), attributes(case, "inertial")
+    k_p, k_i, k_d, _, _, limit = numbers(motor["controller"])
+    (k, _), R = numbers(motor["motorconst"]), float(motor["resistance"])
+    assert (R / k * k_p * 50.0, R / k * k_d - k, k_i, limit) == pytest.approx((12.0, 0.1, 0.0, 7.0))
+    assert (float(motor["gear"]), motor["input"]) == (50.0, "pos")
+    assert (float(body["mass"]), numbers(body["pos"])) == (0.5, [0.0, 0.0, -0.1])
+    assert float(attributes(case, "joint")["frictionloss"]) == pytest.approx(0.1)
+    assert float(attributes(case, "key")["qpos"]) == 0.1
+    assert "inductance" not in motor
+    assert any("inductance is left out" in sentence for sentence in case.export("mujoco").left_out)
+
+
+@pytest.mark.parametrize("gear_ratio", [1.0, 50.0])
+def test_a_servo_follows_ours(gear_ratio: float, tmp_path: Path) -> None:
+    found, ours = rolled_out(servo(gear_ratio), tmp_path, gear=gear_ratio)
+    error = np.array(found["position_rad"]) - ours["position_rad"]
+    assert np.ptp(ours["position_rad"]) > 0.5
+    assert np.abs(error).max() < 0.01
+    assert np.sqrt(np.mean(error**2)) < 0.002
+
+
 def test_what_mujoco_has_not_is_said() -> None:
     case = driven(effects={"brush_drop": {}, "viscous_friction": {}})
     found = case.export("mujoco")
@@ -87,12 +127,14 @@ def test_a_cell_and_an_unknown_actuator_are_refused() -> None:
         driven().export("mujoco", actuator="servo")
 
 
-def rolled_out(case: Case, folder: Path, **options) -> tuple[dict, dict]:
-    """Return what MuJoCo and what we make of the run."""
+def rolled_out(case: Case, folder: Path, gear: float = 1.0, **options) -> tuple[dict, dict]:
+    """Return what MuJoCo and what we make of the run; a reference is that of the motor, before its gear."""
     profile = run_profile(case.runs[0])
     ours = simulate(case_model(case, case.runs[0]), profile)
     case.export("mujoco", folder / "motor.xml", **options)
     given = {"time_s": profile.time_s.tolist()} | {name: values.tolist() for name, values in profile.inputs.items()}
+    if "reference_position_rad" in given:
+        given["reference_position_rad"] = [gear * one for one in given["reference_position_rad"]]
     (folder / "run.json").write_text(json.dumps(given), encoding="utf-8")
     found = run_by("mujoco", "by_mujoco.py", folder / "motor.xml", folder / "run.json")
     readings = {name: np.asarray(values) for name, values in ours.readings.items()}
