@@ -71,7 +71,7 @@ def export_c(case: Case, *, precision: str = "float64") -> Exported:
         raise ParameterError(f"There is no precision '{precision}' of C; use float64 or float32.")
     run = case.runs[0]
     model, profile = case_model(case), run_profile(run)
-    left_out = (*ideal_readings(model), *own_values_of_runs(case), *_other_inputs(case))
+    left_out = (*ideal_readings(model, profile.inputs), *own_values_of_runs(case), *_other_inputs(case))
     if "initial_soc" not in (case.parameters | run.overrides) and case.kind != "motor":
         left_out = (
             *left_out,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Collection
 
 from jaxmodel.base.version import __version__
 from jaxmodel.case.records import Case
@@ -29,9 +30,9 @@ def identifier(name: str) -> str:
     return plain if plain and not plain[0].isdigit() else f"case_{plain}".rstrip("_")
 
 
-def ideal_readings(model: Model) -> tuple[str, ...]:
-    """Say that sensors are left out, if the model has faulty ones."""
-    names = [effect.label for effect in sensors_of(model)]
+def ideal_readings(model: Model, inputs: Collection[str] = ()) -> tuple[str, ...]:
+    """Say that sensors are left out, if the model has faulty ones; those of `inputs` are carried."""
+    names = [effect.label for effect in sensors_of(model) if effect.column not in inputs]
     if not names:
         return ()
     return (f"The readings are those of ideal sensors: {', '.join(names)} of the case is left out.",)

@@ -150,6 +150,16 @@ def test_what_is_left_out_is_said_in_the_file() -> None:
     assert all(sentence in comment for sentence in found.left_out)
 
 
+def test_a_fault_of_an_input_is_carried(tmp_path: Path, cc: str) -> None:
+    case = made_up("cell", effects={"current_offset": {"column": "current_A", "c": 0.1}})
+    found = case.export("c")
+    assert not any("current_offset" in sentence for sentence in found.left_out)
+    assert vectors_of(found.content, tmp_path, cc).returncode == 0
+    without = re.sub(r"(p_current_offset_current_A_c) = [\d.]+;", r"\1 = 0.0;", found.content)
+    assert without != found.content
+    assert vectors_of(without, tmp_path, cc).returncode == 1
+
+
 def test_a_precision_that_c_has_not_is_refused() -> None:
     with pytest.raises(ParameterError, match="float16"):
         made_up("cell").export("c", precision="float16")
