@@ -72,7 +72,13 @@ class CFile:
             self.tables.setdefault(key, (identifier(name), kept))
 
     def write(
-        self, head: str, function: Callable, arguments: Any, given: Sequence[Given], targets: Mapping[str, Any]
+        self,
+        head: str,
+        function: Callable,
+        arguments: Any,
+        given: Sequence[Given],
+        targets: Mapping[str, Any],
+        returned: str | None = None,
     ) -> None:
         """Write a function that takes its arguments apart, computes, and puts each result where it belongs.
 
@@ -83,6 +89,7 @@ class CFile:
             given: what each leaf of the arguments is in C, in order.
             targets: an expression in C for each result by its name, where `function` returns a dictionary of them; of
                 an array, the name of an array.
+            returned: what the function in C returns.
         """
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
         emitter = CEmitter(self.tables)
@@ -94,7 +101,11 @@ class CFile:
             for number, element in enumerate(elements):
                 place = f"[{number}]" if result.shape else ""
                 emitter.line(f"{targets[name]}{place} = {emitter.text_of(element)};")
-        self.functions.append(f"{head}\n{{\n{emitter.finished()}\n}}\n")
+        body = emitter.finished()
+        words = set(re.findall(r"\w+", body))
+        unused = [f"    (void){name};\n" for name in re.findall(r"(\w+)[,)]", head) if name not in words]
+        result = "" if returned is None else f"    return {returned};\n"
+        self.functions.append(f"{head}\n{{\n{''.join(unused)}{body}\n{result}}}\n")
 
     def _operand(self, emitter: CEmitter, given: Given) -> Any:
         value = np.asarray(given.value) if given.is_table else given.value

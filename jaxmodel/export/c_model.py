@@ -125,14 +125,13 @@ def _start(model: Model, inputs: Inputs) -> State:
 
 def _file(model: Model, start: State, inputs: Inputs, name: str, dtype: np.dtype) -> CFile:
     file = CFile(dtype)
-    constants = _constants(file, model)
+    constants = constants_of(file, model)
     of_state = [Given(start[key], f"state->{identifier(key)}", f"x_{identifier(key)}") for key in sorted(start)]
     of_inputs = [Given(inputs[key], f"inputs->{identifier(key)}", f"u_{identifier(key)}") for key in sorted(inputs)]
     duration = Given(jnp.zeros((), dtype), "duration_s", "h")
     to_state = {key: f"state->{identifier(key)}" for key in start}
     readings = {key: f"readings->{identifier(key)}" for key in jax.eval_shape(read, model, start, inputs)}
     ins = f"const {name}_inputs *inputs"
-    unused = "    (void)inputs;\n"
     file.write(
         f"void {name}_start({ins}, {name}_state *state)",
         _start, (model, inputs), [*constants, *of_inputs], to_state,
@@ -148,17 +147,12 @@ def _file(model: Model, start: State, inputs: Inputs, name: str, dtype: np.dtype
     file.write(
         f"bool {name}_valid({ins}, const {name}_state *state)",
         lambda *given: {"is_valid": valid(*given)},
-        (model, start, inputs), [*constants, *of_state, *of_inputs], {"is_valid": "const bool is_valid"},
+        (model, start, inputs), [*constants, *of_state, *of_inputs], {"is_valid": "const bool is_valid"}, "is_valid",
     )  # fmt: skip
-    first, rest = file.functions[0].split("{\n", 1)
-    file.functions[0] = first + "{\n" + unused + rest
-    is_valid = file.functions[3].removesuffix("}\n") + "    return is_valid;\n}\n"
-    first, rest = is_valid.split("{\n", 1)
-    file.functions[3] = first + "{\n    (void)state;\n" + unused + rest
     return file
 
 
-def _constants(file: CFile, model: Model) -> list[Given]:
+def constants_of(file: CFile, model: Model) -> list[Given]:
     """Return what each number of a model is in C: a named constant, or a table."""
     known = parameter_table(model)
     found = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -25,8 +26,7 @@ _STEPS = 24
 _MOST_ROWS = 5000  # of the run that steps are taken from
 
 _TEST = """/* Compiled with -D{upper}_TEST, the file is a program that compares it with jaxmodel: it returns 0 if
- * each result is within {tolerance:g} of the largest of its kind. Each row is a step: state, inputs, duration, then
- * the state after it and the readings there. */
+ * each result is within {tolerance:g} of the largest of its kind. Each row is a step: what is given, what is found. */
 #ifdef {upper}_TEST
 #include <stdio.h>
 #include <string.h>
@@ -40,13 +40,10 @@ int main(void)
 {{
     double worst = 0.0;
     for (int32_t row = 0; row < {count}; row++) {{
-        {name}_state state;
-        {name}_inputs inputs;
-        {name}_readings readings;
         {real} found[{results}];
+{declared}
 {load}
-        {name}_step(&inputs, ({real})vectors[row][{at_duration}], &state);
-        {name}_read(&inputs, &state, &readings);
+{calls}
 {gather}
         for (int32_t k = 0; k < {results}; k++) {{
             const double error = fabs((double)found[k] - vectors[row][{given} + k]) / largest[k];
@@ -61,7 +58,21 @@ int main(void)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Vectors:
+class Steps:
+    """Numbers of steps: (steps, numbers) that are given, and that are found."""
+
+    given: np.ndarray
+    found: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        """Return the largest of each number that is found, 1 where all are zero."""
+        size = np.abs(self.found).max(axis=0, initial=0.0)
+        return np.where(size > 0.0, size, 1.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Vectors(Steps):
     """Steps of a model.
 
     Attributes:
@@ -73,14 +84,6 @@ class Vectors:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     readings: tuple[str, ...]
-    given: np.ndarray
-    found: np.ndarray
-
-    @property
-    def size(self) -> np.ndarray:
-        """Return the largest of each number that is found, 1 where all are zero."""
-        size = np.abs(self.found).max(axis=0, initial=0.0)
-        return np.where(size > 0.0, size, 1.0)
 
 
 def steps(model: Model, of_run: Model, profile: Profile) -> Vectors:
@@ -103,7 +106,7 @@ def steps(model: Model, of_run: Model, profile: Profile) -> Vectors:
     names = tuple(sorted(before)), tuple(sorted(inputs)), tuple(sorted(readings))
     found = np.stack([*(after[key] for key in names[0]), *(readings[key] for key in names[2])], axis=1)
     usable = np.isfinite(found).all(axis=1)
-    return Vectors(*names, given[usable], found[usable])
+    return Vectors(given[usable], found[usable], *names)
 
 
 @jax.jit
@@ -146,25 +149,65 @@ def program(name: str, real: str, vectors: Vectors, tolerance: float) -> str:
         vectors: the steps.
         tolerance: the largest error, as a share of the largest number of its kind.
     """
-    given = [*(f"state.{identifier(key)}" for key in vectors.states)]
-    given += [f"inputs.{identifier(key)}" for key in vectors.inputs]
-    results = [*(f"state.{identifier(key)}" for key in vectors.states)]
-    results += [f"readings.{identifier(key)}" for key in vectors.readings]
-    rows = np.concatenate([vectors.given, vectors.found], axis=1)
-    load = ["memset(&state, 0, sizeof state);"]
-    load += [f"{target} = ({real})vectors[row][{k}];" for k, target in enumerate(given)]
+    states = tuple(f"state.{identifier(key)}" for key in vectors.states)
+    return comparison(
+        name,
+        real,
+        (
+            f"{name}_state state;",
+            f"{name}_inputs inputs;",
+            f"{name}_readings readings;",
+            f"{real} duration_s;",
+            "memset(&state, 0, sizeof state);",
+        ),
+        (*states, *(f"inputs.{identifier(key)}" for key in vectors.inputs), "duration_s"),
+        (f"{name}_step(&inputs, duration_s, &state);", f"{name}_read(&inputs, &state, &readings);"),
+        (*states, *(f"readings.{identifier(key)}" for key in vectors.readings)),
+        vectors,
+        tolerance,
+    )
+
+
+def comparison(
+    name: str,
+    real: str,
+    declared: Sequence[str],
+    targets: Sequence[str],
+    calls: Sequence[str],
+    sources: Sequence[str],
+    steps: Steps,
+    tolerance: float,
+) -> str:
+    """Return the text of a program that compares a file with steps.
+
+    Args:
+        name: that the functions of the file begin with.
+        real: the type of its numbers.
+        declared: declarations of the variables of a step.
+        targets: where each number that is given goes.
+        calls: of the functions.
+        sources: where each number that is found is.
+        steps: the numbers.
+        tolerance: the largest error, as a share of the largest number of its kind.
+    """
+    rows = np.concatenate([steps.given, steps.found], axis=1)
+    load = [f"{target} = ({real})vectors[row][{k}];" for k, target in enumerate(targets)]
     return _TEST.format(
         upper=name.upper(),
-        name=name,
         real=real,
         tolerance=tolerance,
         count=len(rows),
         width=rows.shape[1],
-        results=len(results),
-        given=len(given) + 1,
-        at_duration=len(given),
-        largest=", ".join(literal(value, np.float64) for value in vectors.size),
+        results=len(sources),
+        given=len(targets),
+        largest=broken(", ".join(literal(value, np.float64) for value in steps.size)),
         rows="\n".join(broken("    {" + ", ".join(literal(x, np.float64) for x in row) + "},") for row in rows),
-        load="\n".join(f"        {one}" for one in load),
-        gather="\n".join(f"        found[{k}] = {source};" for k, source in enumerate(results)),
+        declared=_indented(declared),
+        load=_indented(load),
+        calls=_indented(calls),
+        gather=_indented([f"found[{k}] = {source};" for k, source in enumerate(sources)]),
     )
+
+
+def _indented(lines: Sequence[str]) -> str:
+    return "\n".join(f"        {line}" for line in lines)

@@ -24,6 +24,7 @@ GROUP = "jaxmodel.export"
 # Ours stand here too, so that they need no installed package.
 OWN = {
     "c": "jaxmodel.export.c_model:export_c",
+    "c-filter": "jaxmodel.export.c_filter:export_c_filter",
     "mujoco": "jaxmodel.export.mujoco_actuator:export_mujoco",
     "pybamm": "jaxmodel.export.pybamm_parameters:export_pybamm",
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -31,14 +30,6 @@ EFFECTS = {
     "motor": {"brush_current_drop": {}, "presliding": {}, "magnet_temperature": {}, "saturation": {}},
     "robot": {"self_heating": {}, "stribeck_friction": {}},
 }
-
-
-@pytest.fixture(scope="module")
-def cc() -> str:
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no C compiler is installed")
-    return compiler
 
 
 def made_up(kind: str, **more) -> Case:
