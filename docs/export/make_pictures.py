@@ -19,8 +19,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmodel import Case, case_model, read_case, run_profile, simulate
-from jaxmodel.plots.style import new_figure, png, styled
+from jaxmodel import Case, case_model, plots, read_case, run_profile, simulate
 from tests.export.other_python import run_by
 
 HERE = Path(__file__).parent
@@ -43,10 +42,10 @@ def by_both(case: Case, run: int, tool: str, suffix: str) -> tuple[np.ndarray, d
         return profile.time_s, run_by(tool, f"by_{tool}.py", file, inputs), ours
 
 
-@styled
+@plots.styled
 def two(time_s: np.ndarray, lines: dict[str, np.ndarray], differences: dict[str, np.ndarray], units: tuple) -> Figure:
     """Draw lines above, and differences below."""
-    figure = new_figure(15.0, 9.0)
+    figure = plots.new_figure(15.0, 9.0)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     for number, (name, values) in enumerate(lines.items()):
         above.plot(time_s, values, label=name, linestyle=("-", "--", ":")[number])
@@ -68,7 +67,7 @@ def main(servo: str) -> None:
     lines = {"jaxmodel": voltage, f"PyBaMM {theirs['version']}": found}
     error = 1e3 * (found - voltage)
     figure = two(time_s, lines, {"PyBaMM less jaxmodel": error}, ("voltage (V)", "difference (mV)"))
-    (HERE / "pybamm.png").write_bytes(png(figure))
+    figure.savefig(HERE / "pybamm.png")
     print(f"PyBaMM: {np.abs(error).max():.3f} mV at most")
 
     case = read_case(servo)
@@ -77,7 +76,7 @@ def main(servo: str) -> None:
     measured = case.runs[0].measured.outputs["position_rad"]
     lines = {"measured": measured, "jaxmodel": own, f"MuJoCo {theirs['version']}": found}
     differences = {"jaxmodel less measured": own - measured, "MuJoCo less jaxmodel": found - own}
-    (HERE / "servo.png").write_bytes(png(two(time_s, lines, differences, ("position (rad)", "difference (rad)"))))
+    two(time_s, lines, differences, ("position (rad)", "difference (rad)")).savefig(HERE / "servo.png")
     for name, values in differences.items():
         print(f"{name}: rms {np.sqrt(np.mean(values**2)):.4f} rad, {np.abs(values).max():.4f} rad at most")
 

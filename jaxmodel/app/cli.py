@@ -388,7 +388,12 @@ def mission(
 def export(
     case: CasePath,
     to: Annotated[
-        str, typer.Option(metavar="FORMAT", help="c, mujoco, pybamm, or one that a package adds.", show_default=False)
+        str,
+        typer.Option(
+            metavar="FORMAT",
+            help="c, c-filter, mujoco, pybamm, simscape, or one that a package adds.",
+            show_default=False,
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The file.", show_default=False)],
     option: Annotated[

@@ -14,6 +14,11 @@ class Exported(InShort):
     Attributes:
         content: of the file; text, or the bytes of a binary one.
         left_out: what the file does not carry, one sentence each; the file has them in a comment, if it can have one.
+
+    Example:
+        >>> from jaxmodel import read_case
+        >>> read_case("examples/samsung_30q").export("c").left_out
+        ('Runs of the case begin at a state of charge of their own; in the file it is that of a full cell, 1.',)
     """
 
     content: str | bytes

@@ -27,6 +27,7 @@ OWN = {
     "c-filter": "jaxmodel.export.c_filter:export_c_filter",
     "mujoco": "jaxmodel.export.mujoco_actuator:export_mujoco",
     "pybamm": "jaxmodel.export.pybamm_parameters:export_pybamm",
+    "simscape": "jaxmodel.export.simscape:export_simscape",
 }
 
 

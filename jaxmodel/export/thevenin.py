@@ -49,8 +49,8 @@ class Thevenin:
 
     Attributes:
         soc: (soc,) breakpoints, rising.
-        temperature_degC: (temperature,) breakpoints, rising.
-        elements: by a name of `ELEMENTS`, (temperature, soc); of one row where the temperature does nothing.
+        temperature_degC: (temperature,) breakpoints, rising; one where the temperature does nothing.
+        elements: by a name of `ELEMENTS`, (temperature, soc); of one row where the temperature does nothing to it.
         dU_dT_V_K: (temperature, soc) derivative of the open-circuit voltage by temperature; None if it is not known.
         capacity_Ah: at `reference_degC`.
         reference_degC: mean ambient of the runs.
@@ -91,6 +91,9 @@ def thevenin(case: Case) -> Thevenin:
     evaluated = _of(circuit)
     soc, celsius = _breakpoints(circuit, evaluated)
     elements = evaluated(soc, celsius)
+    elements = {name: _with_one_row(values) for name, values in elements.items()}
+    if all(len(values) == 1 for values in elements.values()):
+        celsius = celsius[:1]
     dU_dT = elements.pop("dU_dT_V_K", None)
     rise = 0.0
     if first.initial_cell_temperature is not None:
@@ -100,8 +103,8 @@ def thevenin(case: Case) -> Thevenin:
     return Thevenin(
         soc=soc,
         temperature_degC=celsius,
-        elements={name: _with_one_row(values) for name, values in elements.items()},
-        dU_dT_V_K=None if dU_dT is None else _with_one_row(dU_dT),
+        elements=elements,
+        dU_dT_V_K=dU_dT,
         capacity_Ah=_usable_charge_C(circuit, reference) / 3600.0,
         reference_degC=reference,
         initial_soc=first.initial_soc.value,
@@ -123,7 +126,8 @@ def _breakpoints(circuit: Model, evaluated: Evaluated) -> tuple[np.ndarray, np.n
     tables = [getattr(circuit.curves, name) for name in (*CURVE_NAMES, "dU_dT")]
     tables = [table for table in tables if isinstance(table, Table)]
     soc = np.unique(np.concatenate([_SOC, *(np.asarray(table.soc) for table in tables)]))
-    celsius = np.unique(np.concatenate([_TEMPERATURE_DEGC, *(np.asarray(table.temperature_degC) for table in tables)]))
+    over_both = [np.asarray(table.temperature_degC) for table in tables if len(table.values) > 1]
+    celsius = np.unique(np.concatenate([_TEMPERATURE_DEGC, *over_both]))
     soc = _halved(soc, lambda at: evaluated(at, celsius))
     return soc, _halved(celsius, lambda at: {name: values.T for name, values in evaluated(soc, at).items()})
 
