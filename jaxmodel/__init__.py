@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from jaxmodel.base.version import __version__ as __version__
     from jaxmodel.case import presets
     from jaxmodel.case.build import case_model, load_effect_class, preset_model, run_profile
+    from jaxmodel.case.exported import Exported
     from jaxmodel.case.known import Known, Table
     from jaxmodel.case.reading import read_case
     from jaxmodel.case.records import Case, Run
@@ -70,6 +71,7 @@ __all__ = [
     "Cutoff",
     "Diagnosis",
     "Effect",
+    "Exported",
     "Extraction",
     "Flow",
     "Identification",

@@ -30,6 +30,7 @@ FLOORS = (
     ("fit",),
     ("diagnosis", "parameterisation"),
     ("operation",),
+    ("export",),
     ("plots",),
     ("app",),
 )

@@ -384,6 +384,30 @@ def mission(
     mission(plan, out, model or [], age or [], pictures=not answer_only)
 
 
+@app.command(epilog="Example: jaxmodel export examples/samsung_30q --to c --out samsung_30q.c")
+def export(
+    case: CasePath,
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="FORMAT",
+            help="c, c-filter, mujoco, pybamm, simscape, or one that a package adds.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The file.", show_default=False)],
+    option: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Of the format, as precision=float32 of c.", show_default=False),
+    ] = None,
+    effect: Effects = None,
+) -> None:
+    """Write the model of a case in the format of another tool, and say what the file does not carry."""
+    from jaxmodel.app.commands.export import export_to
+
+    export_to(case, to, out, effect or [], option or [])
+
+
 def main() -> None:
     """Run the command line."""
     # What is imported and traced stays alive: to look through it again and again took 15 % of a diagnosis.

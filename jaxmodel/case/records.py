@@ -18,6 +18,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
+from jaxmodel.case.exported import Exported
 from jaxmodel.case.known import Known, MotorTable, Specimen, Table, Tolerance
 from jaxmodel.case.measurements import OPEN, Kind, Measured, Servo, file_label, vocabulary
 from jaxmodel.effects import CATALOGUE
@@ -301,6 +302,28 @@ class Case:
             MeasurementError: a file of the case itself would be overwritten.
         """
         return late_bound("jaxmodel.case.writing:write_folder")(self, Path(folder))
+
+    def export(self, to: str, out: str | Path | None = None, **options: Any) -> Exported:
+        """Return the model of the case in the format of another tool, and write it to a file if one is given.
+
+        Args:
+            to: the format: "c", "c-filter", "mujoco", "pybamm" or "simscape", or the name of one that another package
+                adds (docs/how_to/export.md).
+            out: the file.
+            options: of the format, such as `precision="float32"` of "c".
+
+        Returns:
+            Its `content`, and in `left_out` what the file does not carry, a sentence each.
+
+        Raises:
+            ParameterError: there is no such format, it has no such option, or it cannot hold such a case.
+
+        Example:
+            >>> from jaxmodel import read_case
+            >>> read_case("examples/samsung_30q").export("c").content.splitlines()[12]
+            'typedef struct {'
+        """
+        return late_bound("jaxmodel.export.formats:export_case")(self, to, out, **options)
 
     def __repr__(self) -> str:
         fitted = sum(run.split == "fit" for run in self.runs)

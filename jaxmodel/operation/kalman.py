@@ -189,14 +189,14 @@ def first_corrected(
     least = jnp.zeros_like(measured.degC) if measured.least_soc is None else measured.least_soc
     readings = (measured.current_A, measured.degC, measured.voltage_V, least)
     first, later = (jax.tree.map(lambda x, part=part: x[part], readings) for part in (0, slice(1, None)))
-    before = _before_first_reading(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
+    before = before_first_reading(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
     # A wrong start is far from where the curves should be linearised: the first reading is, where it is most probable.
     near = _most_probable(model, tuning, *before, first)
     begin, output = _correct(model, tuning, *before, first, near=near)
     return begin, output, (duration, later)
 
 
-def _before_first_reading(
+def before_first_reading(
     model: Model, tuning: Tuning, first: Row, start_soc: Scalar, pairs_sd_V: Scalar
 ) -> tuple[Array, Array]:
     """Return mean and covariance before the first reading."""

@@ -1,0 +1,1 @@
+"""Models in the files of other tools: C, PyBaMM, MuJoCo; a module for each format, and those of other packages."""

@@ -1,0 +1,81 @@
+"""The formats of an export by name: ours, and those that other packages add by an entry point.
+
+A format is a function of a case, and of options of its own by keyword, that returns an `Exported`. A package adds one:
+
+    [project.entry-points."jaxmodel.export"]
+    my_tool = "my_package.my_module:export_my_tool"
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.errors import ParameterError, instead, reason
+from jaxmodel.case.exported import Exported
+from jaxmodel.case.records import Case
+
+GROUP = "jaxmodel.export"
+# Ours stand here too, so that they need no installed package.
+OWN = {
+    "c": "jaxmodel.export.c_model:export_c",
+    "c-filter": "jaxmodel.export.c_filter:export_c_filter",
+    "mujoco": "jaxmodel.export.mujoco_actuator:export_mujoco",
+    "pybamm": "jaxmodel.export.pybamm_parameters:export_pybamm",
+    "simscape": "jaxmodel.export.simscape:export_simscape",
+}
+
+
+def formats() -> dict[str, Callable[[], Callable[..., Exported]]]:
+    """Return by the name of each format what loads its function; ours come before those of the same name."""
+    others = {point.name: point.load for point in importlib.metadata.entry_points(group=GROUP)}
+    return others | {name: _loads(place) for name, place in OWN.items()}
+
+
+def _loads(place: str) -> Callable[[], Callable[..., Exported]]:
+    module, _, function = place.partition(":")
+    return lambda: getattr(importlib.import_module(module), function)
+
+
+def export(case: Case, to: str, **options: Any) -> Exported:
+    """Return a case in a format.
+
+    Args:
+        case: of any kind that the format takes.
+        to: a name of `formats`.
+        options: what the format takes beside the case.
+
+    Raises:
+        ParameterError: there is no such format, it has no such option, or it cannot hold such a case.
+    """
+    known = formats()
+    if to not in known:
+        raise ParameterError(f"There is no format '{to}' to export to.{instead(to, sorted(known))}")
+    try:
+        function = known[to]()
+    except (ImportError, AttributeError) as error:
+        why = f"The format '{to}' cannot be loaded ({reason(error)}); install its package anew."
+        raise ParameterError(why) from error
+    taken = list(inspect.signature(function).parameters)[1:]
+    for name in options:
+        if name not in taken:
+            raise ParameterError(f"The format '{to}' takes no '{name}'.{instead(name, taken)}")
+    return function(case, **options)
+
+
+def export_case(case: Case, to: str, out: str | Path | None = None, **options: Any) -> Exported:
+    """Return a case in a format, and write it to a file if one is given.
+
+    Raises:
+        ParameterError: as `export`.
+        OSError: the file cannot be written.
+    """
+    found = export(case, to, **options)
+    if out is not None:
+        write_whole(Path(out), found.content)
+    return found
