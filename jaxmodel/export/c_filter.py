@@ -86,6 +86,7 @@ def export_c_filter(case: Case, *, precision: str = "float64", tuning: str | Pat
     name, dtype = identifier(case.name), np.dtype(PRECISIONS[precision])
     left_out = (
         "The filter starts at the stated charge, without the search for the most probable one at the first reading.",
+        "Its band does not widen in the cold below the least charge that fit runs have reached there.",
         *(("The tuning is that by default: jaxmodel estimate finds that of the cell.",) if tuning is None else ()),
         *own_values_of_runs(case),
     )  # fmt: skip
@@ -125,7 +126,9 @@ def _file(model: Model, tuning: Tuning, name: str, dtype: np.dtype) -> CFile:
     numbers = [Given(one, key, f"u_{key}") for key in ("duration_s", "current_A", "degC", "voltage_V")]
 
     def start(model: Model, tuning: Tuning, soc: Any, current_A: Any, degC: Any, pairs_sd_V: Any) -> dict[str, Any]:
-        mean, covariance = before_first_reading(model, tuning, (current_A, degC, degC), soc, pairs_sd_V)
+        mean, covariance = before_first_reading(
+            model, tuning, (current_A, degC, degC, jnp.zeros_like(degC)), soc, pairs_sd_V
+        )
         return {"mean": mean, "covariance": covariance}
 
     arguments = [Given(one, key, f"u_{key}") for key in ("soc", "current_A", "degC", "pairs_sd_V")]
@@ -152,7 +155,8 @@ def _step(
     model: Model, tuning: Tuning, mean: Array, covariance: Array, duration: Any, current_A: Any, degC: Any, volts: Any
 ) -> dict[str, Array]:
     """Return mean and covariance after a step and its reading, and what is told of them."""
-    (mean, covariance), told = corrected_step(model, tuning, mean, covariance, duration, (current_A, degC, volts))
+    row = (current_A, degC, volts, jnp.zeros_like(degC))  # the model is known at any charge
+    (mean, covariance), told = corrected_step(model, tuning, mean, covariance, duration, row)
     return {"mean": mean, "covariance": covariance} | {key: told[place] for key, place in _OUTPUTS.items()}
 
 
@@ -165,7 +169,7 @@ def _steps(model: Model, tuning: Tuning, run: Run) -> c_vectors.Steps:
     durations = np.diff(run.measured.time_s[:rows], prepend=run.measured.time_s[0])
     table = np.stack([durations, columns["current_A"][:rows], degC[:rows], columns["voltage_V"][:rows]], axis=1)
     zero = jnp.zeros(())
-    first = (jnp.asarray(table[0, 1]), jnp.asarray(table[0, 2]), zero)
+    first = (jnp.asarray(table[0, 1]), jnp.asarray(table[0, 2]), zero, zero)
     begin = before_first_reading(model, tuning, first, jnp.asarray(run.initial_soc.value), zero)
 
     def advance(carried: tuple[Array, Array], row: Array) -> tuple[tuple[Array, Array], tuple[Any, ...]]:

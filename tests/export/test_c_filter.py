@@ -41,7 +41,8 @@ def test_a_whole_discharge_is_that_of_the_filter(tmp_path: Path, cc: str) -> Non
     c = ctypes.CDLL(str(library))
     run, start = case.runs[0], case.runs[0].initial_soc.value - 0.2
     columns = run.measured.inputs | run.measured.outputs
-    rows = np.stack([columns["current_A"], columns["ambient_degC"], columns["voltage_V"]], axis=1)
+    known = np.zeros(run.measured.time_s.size)
+    rows = np.stack([columns["current_A"], columns["ambient_degC"], columns["voltage_V"], known], axis=1)
     rows[20::7, 2] = np.nan
     durations = np.diff(run.measured.time_s, prepend=run.measured.time_s[0])
 
@@ -59,7 +60,7 @@ def test_a_whole_discharge_is_that_of_the_filter(tmp_path: Path, cc: str) -> Non
     c.samsung_30q_filter_start(double(start), double(rows[0, 0]), double(rows[0, 1]), double(0.0), memory)
     found = []
     for duration, row in zip(durations, rows, strict=True):
-        c.samsung_30q_filter_step(double(duration), *map(double, row), memory, estimate)
+        c.samsung_30q_filter_step(double(duration), *map(double, row[:3]), memory, estimate)
         found.append(list(estimate))
     found = np.array(found)
     np.testing.assert_allclose(found[:, 0], told[0], atol=1e-9)
