@@ -65,18 +65,19 @@ def _changes(
     }
 
 
-def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
+def confirmed(search: Search, found: Found, keep: Sequence[str] = (), again: bool = True) -> Found:
     """Return what a search found without the additions that held-out runs contradict.
 
     Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. Of runs
     within the fitted conditions less is enough: what it changes there must be seen there. An unknown law has no physics
     to speak for it: it leaves if they are not predicted better. What an addition kept out may be needed without it: the
-    search goes on, and what it finds stays if held-out runs are predicted better with it.
+    search begins again, once, and what it finds stays if held-out runs are predicted better with it.
 
     Args:
         search: that found it.
         found: its result.
         keep: additions that stay.
+        again: whether to search for what an addition kept out.
     """
     cache, model, contradicted = search.cache, found.final.added, {}
     if all(run.split != "check" for run in cache.case.runs):
@@ -94,8 +95,8 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     search = search.without(contradicted)
     lacking = search.found(model, (*found.path, model), found.refused)
     best = lacking
-    if any(cache.space.candidates[label].group != "law" for label in contradicted):
-        other = confirmed(search, search.run(keep), keep)
+    if again and any(cache.space.candidates[label].group != "law" for label in contradicted):
+        other = confirmed(search, search.run(keep), keep, again=False)
         before, after = (
             rung(cache, "", cache.fit(one.final.added, "all"), compared=True).errors for one in (lacking, other)
         )
