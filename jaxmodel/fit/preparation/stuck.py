@@ -34,7 +34,7 @@ from jaxmodel.case.signals import (
 LEAST_ROWS, LEAST_SHARE = 30, 0.05
 # Factor by which it must be longer, in rows and in time, than any other under load.
 LONGER = 8.0
-# Share of the stretch in which the hardware must be loaded.
+# Share of the stretch, in time, in which the hardware must be loaded.
 WHILE_LOADED = 0.1
 # Share of a sensor's changes that reverse at once while no input steps, from which its noise is visible: a constant
 # reading is then suspicious.
@@ -150,7 +150,7 @@ def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> li
         if _is_long(run, stretch)
         and not (abs(stretch.value) <= within and unit_of(channel) in _MAY_REST)
         and all(abs(stretch.value - one) > 3.0 * quantum for one in held)
-        and np.mean(loaded(run, largest)[stretch.first : stretch.last + 1]) >= WHILE_LOADED
+        and _while_loaded(run, largest, np.array([stretch.first]), np.array([stretch.last]))[0] >= WHILE_LOADED
     ]
     if not suspects:
         return []
@@ -225,6 +225,13 @@ def _bounds(values: Values, within: float) -> tuple[np.ndarray, np.ndarray, np.n
     return there, first, np.append(first[1:], read.size) - 1 if first.size else first
 
 
+def _while_loaded(run: Run, largest: dict[str, float], first: np.ndarray, last: np.ndarray) -> Values:
+    """Return the share of the time from some rows to others, the last included, in which the hardware is loaded."""
+    lasting = np.diff(run.measured.time_s, append=2.0 * run.measured.time_s[-1] - run.measured.time_s[-2])
+    passed, loaded_s = (np.append(0.0, np.cumsum(one)) for one in (lasting, lasting * loaded(run, largest)))
+    return (loaded_s[last + 1] - loaded_s[first]) / np.maximum(passed[last + 1] - passed[first], 1e-300)
+
+
 def _is_long(run: Run, stretch: Stretch) -> bool:
     length = run.measured.time_s[-1] - run.measured.time_s[0]
     return bool(stretch.rows >= LEAST_ROWS and stretch.seconds >= LEAST_SHARE * length)
@@ -241,8 +248,7 @@ def _behaviour(
         for one in suspects[run.name]:
             mine[one.first : one.last + 1] = False
         there, first, last = _bounds(values, within)
-        until = np.append(0, np.cumsum(on))
-        spent = (until[there[last] + 1] - until[there[first]]) / (there[last] + 1 - there[first])
+        spent = _while_loaded(run, largest, there[first], there[last])
         counted = mine[there[first]] & (spent >= WHILE_LOADED)
         rows = max(rows, float((last - first + 1)[counted].max(initial=0)))
         seconds = max(

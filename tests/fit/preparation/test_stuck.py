@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -136,3 +138,14 @@ def test_stretches_cover_all_readings_once() -> None:
     wide = stretches(run, "cell_temperature_degC", within=0.1)
     assert sum(one.rows for one in wide) == ROWS
     assert len(wide) < len(found)
+
+
+def test_a_stretch_that_is_loaded_for_long_in_few_rows_is_stuck() -> None:
+    """Slow rows under load and quick ones in the rest after it: what counts is time."""
+    run = hanging(cell(2), 600)
+    current = run.measured.inputs["current_A"].copy()
+    current[640:] = 0.0
+    time_s = np.cumsum(np.where(np.arange(ROWS) < 640, 20.0 * STEP_S, STEP_S))
+    measured = dataclasses.replace(run.measured, time_s=time_s, inputs=run.measured.inputs | {"current_A": current})
+    case = case_of("cell", {}, [cell(1), dataclasses.replace(run, measured=measured), cell(3)])
+    assert [(name, stretch.first) for name, stretch in stuck(case, "cell_temperature_degC")] == [("run-02", 600)]
