@@ -15,9 +15,8 @@ What counts as told:
   has the contact is a matter of taste, and two temperatures may differ by their activation energy.
 - A thermometer that is stuck from the middle of the load of one log on: the remark of the preparation that names the
   channel and the run. The readings are excluded there, so nothing else may change its name.
-- A voltage of one log 5 s late (or two rows, where rows are further apart), in logs with many steps of current:
-  `clock_shift`. No run has a clock of its own among the candidates, so that the one of all logs counts if it is of the
-  right sign and within a factor of 3; a shift `clock_shift@run` would count too. Held against steps of current only.
+- A voltage of one log 5 s late (or two rows, where rows are further apart), in logs with many steps of current: the
+  remark of the preparation that names the run, or `clock_shift` of all logs of the right sign, within a factor of 3.
 - A current sensor 5 % high in one log of three or more. In one log alone 5 % more current is the same as 5 % more
   capacity and 5 % less resistance. So what is asked is the run: a `gain_shift` of that run tells it; any shift of
   that run, a start of that run that was moved, or a `current_gain` of all logs make it possible. With 5 % in all logs
@@ -150,7 +149,10 @@ def _stuck(case: str, run: str) -> Planting:
 
 
 def _clock(case: str, run: str, late_s: float = LATE_S) -> Planting:
-    told = tuple(Telling((label,), "d", factor=CLOCK_FACTOR) for label in ("clock_shift", f"clock_shift@{run}"))
+    told = (
+        Telling(code="voltage_late", about=f"{VOLTAGE}@{run}"),
+        Telling(("clock_shift",), "d", factor=CLOCK_FACTOR),
+    )
     return Planting(case, "late voltage", faults.late_voltage, late_s, "s", VOLTAGE, (run,), told)
 
 

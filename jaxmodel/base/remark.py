@@ -31,6 +31,9 @@ CODES: Mapping[str, Code] = {
         "column@run",
         ("value", "from_s", "to_s"),
     ),
+    "voltage_late": Code(
+        "a voltage comes late in one run alone; it was moved to its current", "column@run", ("value", "steps")
+    ),
     "sensor_saturated": Code(
         "a sensor repeats its largest or smallest reading; these readings are excluded", "column", ("limit", "readings")
     ),

@@ -1,4 +1,4 @@
-"""Preparation of a case: bad readings are excluded, inputs unified, and noisy held inputs averaged."""
+"""Preparation of a case: bad readings are excluded, late ones moved, inputs unified, noisy held inputs averaged."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from jaxmodel.case.plausible import doubts
 from jaxmodel.case.records import Case
 from jaxmodel.fit.preparation.held_inputs import with_held_inputs
 from jaxmodel.fit.preparation.inputs import check_sign_of_current, with_like_inputs
+from jaxmodel.fit.preparation.late import without_delays
 from jaxmodel.fit.preparation.saturated import without_saturated
 from jaxmodel.fit.preparation.stuck import without_stuck
 
@@ -20,7 +21,7 @@ def prepared(case: Case) -> tuple[Case, tuple[Remark, ...]]:
         MeasurementError: a cell's current has the wrong sign.
     """
     remarks = list(doubts(case))
-    for without in (without_stuck, without_saturated, without_outliers):
+    for without in (without_stuck, without_saturated, without_delays, without_outliers):
         case, more = without(case)
         remarks += more
     case = with_held_inputs(with_like_inputs(case))
