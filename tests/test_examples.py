@@ -41,9 +41,9 @@ WITHOUT = {
     },
     "jaxmodel.effects": {"Signal"},
     "jaxmodel.operation": {
-        "Compensation", "Consistency", "Evaluation", "FilterOutput", "PolynomialEstimator", "RunLoad",
-        "SinglePrecision", "Trend", "cost_per_step", "ekf", "estimate_load", "evaluate_estimators",
-        "interpolation_error", "paper_rule_error", "read_tunings", "sides", "trend",
+        "CellCharge", "Compensation", "Consistency", "Evaluation", "FilterOutput", "PackCharge", "PolynomialEstimator",
+        "RunLoad", "SinglePrecision", "Trend", "cells_of_pack", "cost_per_step", "ekf", "estimate_load",
+        "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings", "sides", "trend",
     },
     "jaxmodel.plots": {"errors_by_run", "errors_of_models", "pulse_by_pulse"},
     "jaxmodel.sensitivity": {"read_estimates"},

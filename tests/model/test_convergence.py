@@ -35,6 +35,8 @@ TEMPERATURE_DEPENDENT = (
 # What the rotor's acceleration takes of the current while the slow states move it is right to first order only,
 # J/k d2w/dt2 times the step; it hides what else is in these.
 CARRY_THE_ACCELERATION = ("current_A", "motor_current_A", "pack_current_A", "pack_voltage_V")
+# Its steps are a share of the period of its own resonance, whatever the grid: see test_flexible_shaft.
+RINGS = ("flexible_shaft",)
 # Dry friction that follows load or current is held over a step, at the value of its middle.
 RUBS = ("gear_friction", "torque_friction")
 INPUTS = {
@@ -51,7 +53,7 @@ BENDING = (
 
 def effects_of(kind: str, bends: bool) -> list[str]:
     """Effects beside a load that is an input; laws of the load have tests of their own (test_loads)."""
-    within = {name: cls for name, cls in CATALOGUE.items() if cls not in LAWS.values()}
+    within = {name: cls for name, cls in CATALOGUE.items() if cls not in LAWS.values() and name not in RINGS}
     physical = [name for name, cls in within.items() if kind in cls.kinds and not cls.is_sensor]
     return [name for name in physical if (name in BENDING) == bends]
 
