@@ -116,7 +116,13 @@ def _raising(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
             continue  # within the tolerance no effect is contradicted
         rest = [one for one in model if one != label]
         lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
-        if channels := worse(cache, lacking, own, beyond=1.0):
+        channels = worse(cache, lacking, own, beyond=1.0)
+        if channels and not is_law:
+            # Without it a curve may be the same by another name: the activation energy of a resistance. Beside no such
+            # curve, too, it must be contradicted.
+            with_it, without = (rung(cache, "", one, compared=True).errors for one in search.compared(model, label))
+            channels = channels if worse(cache, without, with_it, beyond=1.0) else {}
+        if channels:
             against[label] = max(channels.values()), _raises(list(channels), lacking, own)
         elif is_law and sum(_changes(cache, lacking, own).values()) > -WORSE:
             against[label] = 0.0, "no check run is predicted better with it"

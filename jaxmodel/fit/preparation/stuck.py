@@ -34,7 +34,7 @@ from jaxmodel.case.signals import (
 LEAST_ROWS, LEAST_SHARE = 30, 0.05
 # Factor by which it must be longer, in rows and in time, than any other under load.
 LONGER = 8.0
-# Share of the stretch, in time, in which the hardware must be loaded.
+# Share of the stretch, in time or in rows, in which the hardware must be loaded.
 WHILE_LOADED = 0.1
 # Share of a sensor's changes that reverse at once while no input steps, from which its noise is visible: a constant
 # reading is then suspicious.
@@ -226,10 +226,16 @@ def _bounds(values: Values, within: float) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _while_loaded(run: Run, largest: dict[str, float], first: np.ndarray, last: np.ndarray) -> Values:
-    """Return the share of the time from some rows to others, the last included, in which the hardware is loaded."""
+    """Return the share from some rows to others, the last included, in which the hardware is loaded.
+
+    The larger of the shares of time and of rows: loggers have few rows under a steady load, or few in long rests.
+    """
     lasting = np.diff(run.measured.time_s, append=2.0 * run.measured.time_s[-1] - run.measured.time_s[-2])
-    passed, loaded_s = (np.append(0.0, np.cumsum(one)) for one in (lasting, lasting * loaded(run, largest)))
-    return (loaded_s[last + 1] - loaded_s[first]) / np.maximum(passed[last + 1] - passed[first], 1e-300)
+    shares = []
+    for weight in (lasting, np.ones(lasting.size)):
+        passed, on = (np.append(0.0, np.cumsum(one)) for one in (weight, weight * loaded(run, largest)))
+        shares.append((on[last + 1] - on[first]) / np.maximum(passed[last + 1] - passed[first], 1e-300))
+    return np.maximum(*shares)
 
 
 def _is_long(run: Run, stretch: Stretch) -> bool:

@@ -1,0 +1,55 @@
+"""What held-out runs contradict: an effect without which they are predicted better, and not its curve in its place."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from jaxmodel.diagnosis import held_out
+from jaxmodel.diagnosis.held_out import _raising
+from jaxmodel.diagnosis.result import ChannelError
+from jaxmodel.diagnosis.search import Search
+from jaxmodel.fit.cache import FitCache
+
+NAME = "arrhenius_resistance"
+
+
+def search(monkeypatch: pytest.MonkeyPatch, errors: dict[tuple[bool, str], float], group: str = "effect") -> Any:
+    """A search whose check runs have these errors, by whether the effect is in the model, and the kind of curves."""
+
+    def fit(labels: tuple[str, ...], curves: str) -> tuple[bool, str]:
+        return NAME in labels, curves
+
+    def of_fit(cache: Any, name: str, found: tuple[bool, str], compared: bool) -> Any:
+        return SimpleNamespace(errors={"voltage_V": ChannelError(0.01, errors[found])})
+
+    monkeypatch.setattr(held_out, "rung", of_fit)
+    cache, found = object.__new__(FitCache), object.__new__(Search)
+    space = SimpleNamespace(candidates={NAME: SimpleNamespace(group=group)})
+    for where, name, what in (
+        (cache, "fit", fit),
+        (cache, "tolerances", {"voltage_V": 0.01}),
+        (cache, "space", space),
+        (found, "cache", cache),
+        (found, "compared", lambda *_: (fit((NAME,), "beside"), fit((), "beside"))),
+    ):
+        monkeypatch.setitem(vars(where), name, what)
+    return found
+
+
+def test_an_effect_without_which_check_runs_are_predicted_better_is_contradicted(monkeypatch: pytest.MonkeyPatch):
+    errors = {(True, "all"): 0.03, (False, "all"): 0.02, (True, "beside"): 0.031, (False, "beside"): 0.021}
+    found = _raising(search(monkeypatch, errors), (NAME,), [NAME])
+    assert found[NAME] == (pytest.approx(1.0), "on check runs it raises the error of voltage_V from 20 to 30 mV")
+
+
+def test_a_curve_that_is_the_effect_by_another_name_does_not_contradict_it(monkeypatch: pytest.MonkeyPatch):
+    errors = {(True, "all"): 0.03, (False, "all"): 0.02, (True, "beside"): 0.03, (False, "beside"): 0.06}
+    assert _raising(search(monkeypatch, errors), (NAME,), [NAME]) == {}
+
+
+def test_a_law_has_no_curve_of_its_name(monkeypatch: pytest.MonkeyPatch):
+    errors = {(True, "all"): 0.03, (False, "all"): 0.02, (True, "beside"): 0.03, (False, "beside"): 0.06}
+    assert _raising(search(monkeypatch, errors, "law"), (NAME,), [NAME])
