@@ -48,7 +48,7 @@ from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
 from jaxmodel.diagnosis.wording import effect_name
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache
-from jaxmodel.fit.candidates import is_distinguishable
+from jaxmodel.fit.distinguishable import is_distinguishable
 from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import one_thread_of_blas
 from jaxmodel.fit.space import Labels

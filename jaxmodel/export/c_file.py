@@ -32,6 +32,12 @@ static {real} {name}({real} x, const {real} *knots, const {real} *values, int32_
 """
 
 
+def comment(lines: Sequence[str]) -> str:
+    """Return lines as a comment of C."""
+    first, *rest = lines
+    return "\n".join([f"/* {first}", *(f" * {line}".rstrip() for line in rest), " */"])
+
+
 @dataclasses.dataclass(frozen=True)
 class Given:
     """An argument of a function of JAX, and what it is in C.

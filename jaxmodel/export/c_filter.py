@@ -18,7 +18,7 @@ from jaxmodel.case.build import case_model
 from jaxmodel.case.exported import Exported
 from jaxmodel.case.records import Case, Run
 from jaxmodel.export import c_vectors
-from jaxmodel.export.c_file import CFile, Given
+from jaxmodel.export.c_file import CFile, Given, comment
 from jaxmodel.export.c_model import PRECISIONS, constants_of
 from jaxmodel.export.wording import heading, identifier, own_values_of_runs
 from jaxmodel.lanes.emitter import NotNative
@@ -98,10 +98,9 @@ def export_c_filter(case: Case, *, precision: str = "float64", tuning: str | Pat
             file = _file(model, tuned, name, dtype)
         except NotNative as error:
             raise ParameterError(f"{case.label}: its filter cannot be written as C ({error}).") from error
-    lines = heading(case, "The filter of the state of charge", left_out)
     states, size = state_names(model), len(state_names(model))
     text = _TEXT.format(
-        heading="\n".join(["/* " + lines[0], *(f" * {line}".rstrip() for line in lines[1:]), " */"]),
+        heading=comment(heading(case, "The filter of the state of charge", left_out)),
         name=name,
         upper=name.upper(),
         real=file.real,

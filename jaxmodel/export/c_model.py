@@ -17,7 +17,7 @@ from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.exported import Exported
 from jaxmodel.case.records import Case
 from jaxmodel.export import c_vectors
-from jaxmodel.export.c_file import CFile, Given
+from jaxmodel.export.c_file import CFile, Given, comment
 from jaxmodel.export.wording import heading, ideal_readings, identifier, own_values_of_runs
 from jaxmodel.lanes.emitter import NotNative
 from jaxmodel.model.electrothermal import Model, initial_state, read, step, valid
@@ -91,10 +91,8 @@ def export_c(case: Case, *, precision: str = "float64") -> Exported:
     if error:
         share = f"In float32 a step differs from one in float64 by up to {error:.1g} of the largest number of its kind."
         left_out = (*left_out, share)
-    lines = ["/* " + heading(case, "The model", left_out)[0]]
-    lines += [f" * {line}".rstrip() for line in heading(case, "The model", left_out)[1:]]
     text = _TEXT.format(
-        heading="\n".join([*lines, " */"]),
+        heading=comment(heading(case, "The model", left_out)),
         name=name,
         real=file.real,
         state=_fields(sorted(start), file.real),

@@ -77,5 +77,6 @@ def export_case(case: Case, to: str, out: str | Path | None = None, **options: A
     """
     found = export(case, to, **options)
     if out is not None:
+        Path(out).parent.mkdir(parents=True, exist_ok=True)
         write_whole(Path(out), found.content)
     return found

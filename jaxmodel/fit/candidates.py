@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from jaxmodel.case.build import case_model
-from jaxmodel.case.records import Case, Run
+from jaxmodel.case.records import Case
 from jaxmodel.case.specimens import difference_label, runs_of
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.differences import DIFFERENCES
-from jaxmodel.effects.drive import BACK_DRIVING, BOTH_TEMPERATURES, BRUSHES, FAST_VOLTAGE, LOST_MOTION, REVERSING
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import scale_of, usual_range
 from jaxmodel.fit.coordinates import Coordinate, effect_coordinate
+from jaxmodel.fit.distinguishable import LEAST_SPAN, is_distinguishable
 from jaxmodel.fit.laws import PORTS, law_effect, quantities, setting
 from jaxmodel.fit.settings import SETTINGS, Settings
 from jaxmodel.model.declaration import describe
@@ -37,8 +37,6 @@ _ACROSS_RIDGES = 0.4
 _ACROSS_STANDSTILL = 1.0
 # Largest distance of a start from the middle of an amplitude's usual range, in prior sd. Assumed.
 _FURTHEST_START = 2.5
-# A quantity that varies by less than this share of its largest value is no variable of a law. Assumed.
-_LEAST_SPAN = 0.02
 # Modes of a curve's prior with less than this share of the first mode's variance are dropped. Assumed.
 _FAINT_MODE = 1e-3
 # Least range of a curve over the state of charge, which does not leave 0 to 1. Assumed.
@@ -48,12 +46,6 @@ _LEAST_SOC = 0.05
 _LEAST_K = 5.0
 # Least width of a usual range, as a share of its larger end; ratio of neighbouring shifts of a clock. Assumed.
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
-# Load and speed, and the share of rows in which power must flow each way to tell what rubs from what is lost. Assumed.
-_POWER, _BOTH_WAYS = ("load_torque_Nm", "speed_rad_s"), 0.02
-_STAGES = ("winding_temperature_degC", "case_temperature_degC")
-# A run shows what a reversal does if it has so many, at speeds above this share of the largest, and rows no farther
-# apart in s: a rotor turns round in some 10 ms. Assumed.
-_REVERSALS, _MOVES, _FOLLOWED_S = 4, 0.02, 0.05
 # Correlation length of a law, as a share of its span. Assumed.
 _LAW_CORRELATION = 0.25
 
@@ -244,61 +236,6 @@ def _effects(case: Case) -> Iterator[Candidate]:
             yield dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault
 
 
-def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
-    """Return True if runs differ in what tells an effect from a calibration: a parameter, or the way of power."""
-    if not cls.distinguished_by:
-        return True
-    if cls.distinguished_by == BRUSHES:
-        return not case.brushless
-    if cls.distinguished_by == BACK_DRIVING:
-        return case.load == "gravity" or any(_drives_back(run) for run in case.runs if run.split == "fit")
-    if cls.distinguished_by in (REVERSING, LOST_MOTION):
-        fitted = [run for run in case.runs if run.split == "fit"]
-        seen = [run for run in fitted if cls.distinguished_by == REVERSING or "position_rad" in run.measured.outputs]
-        return any(_reverses(run) for run in seen)
-    if cls.distinguished_by == BOTH_TEMPERATURES:
-        return _tells_heat_apart([run for run in case.runs if run.split == "fit"])
-    if cls.distinguished_by == FAST_VOLTAGE:
-        return any(_follows_voltage(run) for run in case.runs if run.split == "fit")
-    common = case.parameters.get(cls.distinguished_by)
-    values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
-    return len({None if one is None else one.value for one in values}) > 1
-
-
-def _reverses(run: Run) -> bool:
-    """Return True if a run turns both ways, often enough and in rows that follow a reversal."""
-    columns = run.measured.inputs | run.measured.outputs
-    speed = next((columns[name] for name in ("speed_rad_s", "reference_speed_rad_s") if name in columns), None)
-    if speed is None or float(np.median(np.diff(run.measured.time_s))) > _FOLLOWED_S:
-        return False
-    moving = speed[np.abs(np.nan_to_num(speed)) > _MOVES * float(np.nanmax(np.abs(speed)))]
-    return int(np.count_nonzero(np.diff(np.sign(moving)))) >= _REVERSALS
-
-
-def _follows_voltage(run: Run) -> bool:
-    """Return True if a voltage drives a rotor that is free to follow it, in rows that show how."""
-    driven = "voltage_V" in run.measured.inputs and "speed_rad_s" not in run.measured.inputs
-    return driven and float(np.median(np.diff(run.measured.time_s))) <= _FOLLOWED_S
-
-
-def _tells_heat_apart(runs: list[Run]) -> bool:
-    """Return True if winding and case are read in a run, and the motor runs at speeds that differ in these runs."""
-    columns = [run.measured.inputs | run.measured.outputs for run in runs if set(_STAGES) <= set(run.measured.outputs)]
-    speeds = [np.abs(of_run[_POWER[1]]) for of_run in columns if _POWER[1] in of_run]
-    at = np.concatenate([np.zeros(0), *speeds])
-    largest = float(np.nanmax(at, initial=0.0))
-    return largest > 0.0 and float(np.nanstd(at)) > _LEAST_SPAN * largest
-
-
-def _drives_back(run: Run) -> bool:
-    """Return True if the load drives the motor in some rows of a run, and the motor the load in others."""
-    load, speed = (run.measured.inputs.get(name, run.measured.outputs.get(name)) for name in _POWER)
-    if load is None or speed is None:
-        return False
-    power = load * speed
-    return min(float(np.nanmean(power > 0.0)), float(np.nanmean(power < 0.0))) > _BOTH_WAYS
-
-
 def specimen_ranges(case: Case, cls: type[Effect]) -> dict[str, tuple[float, float]]:
     """Return the usual ranges of those parameters of an effect that scale with the specimen."""
     numbers = _numbers(case)
@@ -480,7 +417,7 @@ def laws(
     for place, (port, (sources, multiplier, _)) in enumerate(PORTS[case.kind].items()):
         for variable in [name for name in quantities(case.kind) if name in sources and name in ranges]:
             low, high = ranges[variable]
-            if high - low <= (_LEAST_K if variable.endswith("degC") else _LEAST_SPAN * max(abs(low), abs(high))):
+            if high - low <= (_LEAST_K if variable.endswith("degC") else LEAST_SPAN * max(abs(low), abs(high))):
                 continue
             for factor in dict.fromkeys(("", multiplier)):
                 if factor and (factor == variable or factor not in sizes):

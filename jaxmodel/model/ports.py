@@ -123,7 +123,7 @@ class Effect(InShort, eqx.Module):
     `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
     effect on all outputs). `is_candidate` is False for what a case may state and no diagnosis looks for.
     `distinguished_by` is the parameter that must differ between runs to distinguish the effect from a calibration, or
-    `jaxmodel.effects.drive.BACK_DRIVING`.
+    a mark of `jaxmodel.effects.drive`, such as `BACK_DRIVING`, of what runs must show.
     `rare` marks an effect that is seldom the cause: a diagnosis asks for more evidence. `needs` are names of effects
     without which a diagnosis does not try this one, where they are candidates of the case. `shown_by` is the quantity
     through which it acts if no input sets that: without a reading of it a diagnosis names the effect only where all

@@ -16,7 +16,7 @@ from jaxmodel.base.errors import UserError
 from jaxmodel.case.writing import write_case
 from jaxmodel.data.importing import Options, import_case
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.fit.candidates import is_distinguishable
+from jaxmodel.fit.distinguishable import is_distinguishable
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.names import with_values
 from jaxmodel.model.profile import constant

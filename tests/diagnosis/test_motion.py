@@ -14,7 +14,7 @@ from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Servo
 from jaxmodel.case.records import Case
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.fit.candidates import is_distinguishable
+from jaxmodel.fit.distinguishable import is_distinguishable
 from jaxmodel.model.simulation import simulate
 from tests.diagnosis.made_cases import case_of, investigation_of, run_of
 

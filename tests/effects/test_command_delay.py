@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from jaxmodel import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.controllers import SpeedController
-from jaxmodel.fit.candidates import is_distinguishable
+from jaxmodel.fit.distinguishable import is_distinguishable
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.profile import Profile

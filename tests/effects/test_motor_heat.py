@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from jaxmodel.case.records import Case
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.fit.candidates import is_distinguishable
+from jaxmodel.fit.distinguishable import is_distinguishable
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.profile import Profile, constant

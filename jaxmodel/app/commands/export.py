@@ -7,9 +7,9 @@ from pathlib import Path
 
 from jaxmodel.app import terminal
 from jaxmodel.app.commands.start import read_case_with, start
-from jaxmodel.base.atomic_files import write_whole
-from jaxmodel.base.errors import MeasurementError, ParameterError
-from jaxmodel.export.formats import export
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.data.importing.written import pairs
+from jaxmodel.export.formats import export_case
 
 
 def export_to(path: Path, to: str, out: Path, effects: Sequence[str], options: Sequence[str]) -> None:
@@ -18,25 +18,16 @@ def export_to(path: Path, to: str, out: Path, effects: Sequence[str], options: S
     Raises:
         UserError: the case, the format or the file cannot be used.
     """
-    given = dict(_of_text(option) for option in options)
+    given = pairs(options, "--option", "a name and a value, as in precision=float32")
     case = read_case_with(path, effects)
     if out.resolve() in [file.resolve() for file in case.files]:
         raise MeasurementError(f"--out {out}: this is a file of the case; give another.")
     if out.is_dir():
         raise MeasurementError(f"--out {out}: this is a folder; give a file.")
     start(None)
-    found = export(case, to, **given)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(out, found.content)
+    found = export_case(case, to, out, **given)
     terminal.say(f"{out} has the model of {case.name}.")
     if found.left_out:
         terminal.say("What it does not carry:")
     for sentence in found.left_out:
         terminal.say(f"- {sentence}")
-
-
-def _of_text(option: str) -> tuple[str, str]:
-    name, sign, value = option.partition("=")
-    if not (sign and name.isidentifier()):
-        raise ParameterError(f"--option {option}: give a name and a value, as in precision=float32.")
-    return name, value

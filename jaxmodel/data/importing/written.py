@@ -56,7 +56,7 @@ def options_of(given: Mapping[str, Any]) -> Options:
     taken: dict[str, Any] = {}
     for name, value in given.items():
         if name in PAIRS and not isinstance(value, Mapping):
-            value = _pairs(_several(value), option_of(name), PAIRS[name])
+            value = pairs(_several(value), option_of(name), PAIRS[name])
         if name in _OF_NUMBERS:
             value = {key: _number(one, f"{option_of(name)} {key}") for key, one in value.items()}
         if name in LISTS:
@@ -76,8 +76,17 @@ def _several(value: str | Sequence[str]) -> list[str]:
     return [part.strip() for part in parts if part.strip() or not isinstance(value, str)]
 
 
-def _pairs(texts: Sequence[str], option: str, form: str) -> dict[str, str]:
-    """Return NAME=VALUE as names with values."""
+def pairs(texts: Sequence[str], option: str, form: str) -> dict[str, str]:
+    """Return texts of the form NAME=VALUE as names with values.
+
+    Args:
+        texts: as written.
+        option: that they are of, in messages.
+        form: what to give.
+
+    Raises:
+        MeasurementError: a text is not of this form, or a name is given twice.
+    """
     found: dict[str, str] = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
