@@ -81,7 +81,7 @@ class FitCache:
             raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
         outputs = self.case.vocabulary.outputs
         self.view = View(self.space, collect(self.space.fitted, self.noise, outputs, self.fit_runs, settings))
-        self._fits: dict[tuple[Labels, Curves, Labels], Fit] = {}
+        self._fits: dict[tuple[Labels, bool, Labels], Fit] = {}
         self._points: dict[tuple[Labels, str, Curves], tuple[np.ndarray, float]] = {}
         self._scores: dict[Labels, tuple[Scores, Scores]] = {}
 
@@ -136,9 +136,11 @@ class FitCache:
         It starts where the model without its last addition is, in the order of their scores over the base model, so
         that it does not depend on the order in which a person or a search added them.
         """
-        key = (self.space.key(labels), curves, self.space.key(beside))
+        labels, own = self.space.key(labels), self.curves_of(labels, curves, beside)
+        more = curves in ("all", "beside")
+        key = (labels, more, own)  # the same curves may be asked for by several names
         if key not in self._fits:
-            self._fits[key] = self._calibrated(*key)
+            self._fits[key] = self._with_more_curves(labels, own) if more else self._calibrated(labels, curves)
         return self._fits[key]
 
     @property
@@ -151,9 +153,7 @@ class FitCache:
         """Return the model of the case with its stated numbers calibrated, and nothing else."""
         return self.fit((), "none")
 
-    def _calibrated(self, labels: Labels, curves: Curves, beside: Labels) -> Fit:
-        if curves in ("all", "beside"):
-            return self._with_more_curves(labels, self.curves_of(labels, curves, beside))
+    def _calibrated(self, labels: Labels, curves: Curves) -> Fit:
         spec = self.flexible(self.spec(labels, curves), 1.0)
         if labels:
             last = max(labels, key=self._rank)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -27,8 +27,8 @@ _GAIN, _PASSES = 0.1, 4
 # Steps before the weights are known, of each round after it, and most rounds. Weights move with every step: more steps
 # under one set of them would lead to what is not asked. Assumed.
 FIRST_STEPS, STEPS, ROUNDS = 10, 2, 12
-# Rounds after which weights go half way to what errors ask for: the two can chase each other. Assumed.
-DAMPED = 2
+# Turns of an amplitude, up and down again, after which it stays: it and the weights chase each other. Assumed.
+TURNS = 2
 # What a Newton step may still gain of Q after the last round. Assumed: a third of an sd.
 NEAR = 0.1
 # Passes over weights and amplitudes between two linearisations. Assumed.
@@ -147,19 +147,51 @@ def calibrate(
     weights = likelihood or from_tolerances(view.data, tolerances)
     channels = view.space.coarse.channels
     point = descend(view, spec, weights, start, steps=FIRST_STEPS if likelihood is None else STEPS, flat=1.0)
-    linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
+    passed: list[tuple[Likelihood, ModelSpec]] = [(weights, spec)]
     for number in range(rounds):
-        before = (weights, spec)
-        weights, spec = _settled(view, spec, weights, linear, point, held)
-        if number >= DAMPED:
-            weights = weights.towards(before[0])
-        point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT if number else 0.1)
         linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
-        near = point.promise < NEAR * max(1.0, 0.01 * point.objective)
-        if number and near and _alike(before, (weights, spec)):
-            break
+        weights, spec = _settled(view, spec, weights, linear, point, held, _turning(passed))
+        if _turns_back(passed, weights):
+            weights = weights.towards(passed[-1][0])  # weights and errors chase each other
+        passed.append((weights, spec))
+        flat = FLAT if number else 0.1
+        point = descend(view, spec, weights, point, steps=STEPS, flat=flat, exact=False)
+        if number and _is_near(point) and _alike(*passed[-2:]):
+            point = descend(view, spec, weights, point, steps=STEPS, flat=flat)
+            if _is_near(point):
+                break
+    else:
+        point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT)
+    linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
     added = tuple(label for label in spec.labels if view.space.candidates[label].group != "curve")
     return Fit(spec, added, point.x, point.errors, weights, linear, point.objective, point.promise)
+
+
+def _is_near(point: Point) -> bool:
+    return point.promise < NEAR * max(1.0, 0.01 * point.objective)
+
+
+def _turning(passed: Sequence[tuple[Likelihood, ModelSpec]]) -> set[str]:
+    """Return the curves and charges whose amplitude went up and down too often in the rounds that passed."""
+    sizes = [spec.amplitudes | spec.spreads for _, spec in passed]
+    found = set()
+    for name in sizes[0]:
+        moves = np.sign(np.diff(np.log([one[name] for one in sizes])))
+        moves = moves[moves != 0.0]
+        if np.sum(moves[1:] != moves[:-1]) >= TURNS:
+            found.add(name)
+    return found
+
+
+def _turns_back(passed: Sequence[tuple[Likelihood, ModelSpec]], weights: Likelihood) -> bool:
+    """Return True if the weight of a channel would turn back from where it went in the round before."""
+    if len(passed) < 3:  # the first weights are those of tolerances, or of another model
+        return False
+    (older, _), (old, _) = passed[-2:]
+    return any(
+        (one.root - old.channels[name].root) * (old.channels[name].root - older.channels[name].root) < 0.0
+        for name, one in weights.channels.items()
+    )
 
 
 def _settled(
@@ -169,11 +201,12 @@ def _settled(
     linear: Linearisation,
     point: Point,
     held: Collection[str],
+    still: Collection[str],
 ) -> tuple[Likelihood, ModelSpec]:
     """Return weights and amplitudes for a model that is linear from a point on, each under the other.
 
     They ask for one another, and for the errors that they leave. Where the model is linear all of it is algebra: no
-    simulation need follow each change.
+    simulation need follow each change. The weights of the channels `held` and the amplitudes `still` stay.
     """
     errors = point.errors
     free = set(weights.channels) - set(held)
@@ -182,7 +215,7 @@ def _settled(
         if free:
             asked = from_errors(view.data, errors, degrees_of_freedom(linear, weights, spec))
             weights = Likelihood({**asked.channels, **{name: weights.channels[name] for name in held}})
-        spec = best_amplitudes(view, spec, linear, weights)
+        spec = best_amplitudes(view, spec, linear, weights, still)
         if _alike(before, (weights, spec)):
             break
         gram = linear.under(weights)
@@ -226,14 +259,20 @@ def evidence(view: View, fit: Fit, likelihood: Likelihood, loose: Collection[int
     return log_evidence(fit.linear.under(likelihood), precision) - rarer(spec)
 
 
-def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likelihood: Likelihood) -> ModelSpec:
-    """Return the model with the amplitudes of its curves that have the most evidence, one after the other."""
+def best_amplitudes(
+    view: View, spec: ModelSpec, linear: Linearisation, likelihood: Likelihood, still: Collection[str] = ()
+) -> ModelSpec:
+    """Return the model with the amplitudes of its curves that have the most evidence, one after the other.
+
+    Those of `still` stay.
+    """
     space = view.space
     grids = {label: [a for a in AMPLITUDES if a <= space.candidates[label].largest] for label in spec.amplitudes}
     if not grids:
         return spec
     # Without curves nothing else could take the part of a charge: what is stated of it holds.
     grids |= {name: list(SPREADS) for name in spec.spreads}
+    grids = {name: grid for name, grid in grids.items() if name not in still}
     gram = linear.under(likelihood)
 
     def score(one: ModelSpec) -> float:

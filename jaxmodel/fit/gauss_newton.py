@@ -13,9 +13,10 @@ from jaxmodel.fit.space import ModelSpec, View
 # Step of finite differences, in prior sd. For five cells, motors and robots, derivatives are within 2e-5 of exact
 # tangents; a longer step adds curvature, a shorter one rounding errors at kinks.
 DIFFERENCE_STEP = 1e-4
-# Marquardt's damping, in units of the diagonal of the normal equations; all are tried in one batch of lanes. The first
-# gives Newton's step, but for directions that nothing determines. Assumed.
-DAMPING = (1e-12, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
+# Marquardt's damping, in units of the diagonal of the normal equations; all are tried in one batch of lanes, of which
+# a packet has 16. The first gives Newton's step, but for directions that nothing determines. Knots of a curve are so
+# alike that a damping of 1e-3 already leaves nine tenths of a step untaken. Assumed.
+DAMPING = (1e-12, 1e-8, 1e-7, 1e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 1.0, 10.0, 1e3)
 # No unknown moves further in one step, in prior sd. Assumed.
 LONGEST_STEP = 30.0
 # Derivatives are kept, with what a step taught of them, while steps gain at least this share of what they predict,
@@ -35,6 +36,7 @@ class Point:
         jacobian: (n, k) derivatives of the predictions by the free unknowns.
         objective: Q.
         promise: what a Newton step would gain of Q.
+        exact: False if the derivatives are those of a point near by, with what steps taught of them.
     """
 
     x: np.ndarray
@@ -42,6 +44,7 @@ class Point:
     jacobian: np.ndarray
     objective: float
     promise: float
+    exact: bool = True
 
     @property
     def converged(self) -> bool:
@@ -93,7 +96,14 @@ def _lanes_of(view: View, spec: ModelSpec) -> list[list[int]]:
 
 
 def descend(
-    view: View, spec: ModelSpec, likelihood: Likelihood, start: np.ndarray | Point, *, steps: int, flat: float = FLAT
+    view: View,
+    spec: ModelSpec,
+    likelihood: Likelihood,
+    start: np.ndarray | Point,
+    *,
+    steps: int,
+    flat: float = FLAT,
+    exact: bool = True,
 ) -> Point:
     """Return the model where Q is least, from one start.
 
@@ -104,6 +114,7 @@ def descend(
         start: (unknowns,) coordinates, of which those that are not free stay; or a point that was linearised already.
         steps: at most so many.
         flat: gain of Q below which the fit has converged.
+        exact: False if derivatives that were learnt are good enough for a point that has converged.
     """
     problem, free, precision = view.space.problem(spec), list(spec.free), spec.precision
     root = likelihood.roots(view.data)
@@ -113,7 +124,8 @@ def descend(
 
     x = (start.x if isinstance(start, Point) else start).copy()
     known = (start.errors, start.jacobian) if isinstance(start, Point) else linearised(view, problem, spec, x)
-    (errors, jacobian), since, left = known, 0, steps
+    (errors, jacobian), left = known, steps
+    since = int(isinstance(start, Point) and not start.exact)  # steps since the derivatives were computed
     while True:
         objective = float(objectives(x[None], errors[:, None])[0])
         white = root[:, None] * jacobian
@@ -121,7 +133,7 @@ def descend(
         square = white.T @ white + np.diag(precision)
         moves = np.clip(_moves(square, slope), -LONGEST_STEP, LONGEST_STEP)
         least = flat * max(1.0, 0.01 * objective)
-        promise = float(slope @ moves[0])
+        promise = float(np.max(moves @ slope))  # Newton's; where its step is cut short, another's
         places = np.repeat(x[None], len(DAMPING), axis=0)
         places[:, free] += moves
         tried = errors_at(view, problem, spec, places) if promise >= least and left > 0 else None
@@ -129,8 +141,8 @@ def descend(
         best = int(np.argmin(reached))
         gained = objective - float(reached[best])
         if tried is None or gained <= max(0.1 * least, 1e-12 * abs(objective)):
-            if not since:
-                return Point(x, errors, jacobian, objective, promise)
+            if not since or (not exact and promise < least):
+                return Point(x, errors, jacobian, objective, promise, exact=not since)
             errors, jacobian = linearised(view, problem, spec, x)
             since, left = 0, left - 1
             continue

@@ -117,6 +117,7 @@ class Written:
             NotNative: it has an operation that has no vector instructions here.
         """
         self._sizes = tuple(sizes)
+        self._workspaces: dict[tuple[int, ...], int] = {}  # by the sizes of a call
         kept_as = f"{machine.digest(known_as)}.{self.ENDING}" if known_as else ""
         module = _kept(kept_as)
         self._tree: Any = None if module is None else jax.tree.structure([0] * len(module.results))
@@ -162,7 +163,10 @@ class Written:
 
     def workspace_size(self, sizes: Sequence[int] = ()) -> int:
         """Return how many numbers of working memory a thread needs."""
-        return max(1, sum(self._actual(count, sizes) for count in self.module.room)) * self.lanes
+        key = tuple(sizes)
+        if key not in self._workspaces:
+            self._workspaces[key] = max(1, sum(self._actual(count, sizes) for count in self.module.room)) * self.lanes
+        return self._workspaces[key]
 
     def buffers(self, count: int, sizes: Sequence[int] = ()) -> list[np.ndarray]:
         """Return arrays for the results of so many lanes, a multiple of a packet."""

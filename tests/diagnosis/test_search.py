@@ -88,9 +88,10 @@ def held_to(search: Search, M_V: float) -> list[str]:
     coordinate, x = cache.space.layout.coordinates[place], fit.x.copy()
     x[rest] = 0.0
     x[place] = (np.log(M_V) - coordinate.centre) / coordinate.spread
-    cache._fits[cache.space.key(labels), "base", ()] = dataclasses.replace(fit, x=x)
+    key = next(key for key, one in cache._fits.items() if one is fit)
+    cache._fits[key] = dataclasses.replace(fit, x=x)
     found = list(_in_vain(search, labels, labels))
-    cache._fits[cache.space.key(labels), "base", ()] = fit
+    cache._fits[key] = fit
     return found
 
 

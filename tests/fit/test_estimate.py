@@ -81,9 +81,11 @@ def test_the_evidence_of_amplitudes_is_no_less_than_where_the_search_began(wrong
     base, view = wrong.base, wrong.view
     start = wrong.space.spec(base.spec.labels, dict.fromkeys(TABLES, NONE))
     found = best_amplitudes(view, start, base.linear, base.likelihood)
-    before, after = (dataclasses.replace(base, spec=spec).log_evidence() for spec in (start, found))
+    specs = (start, found, base.spec)
+    before, after, of_base = (dataclasses.replace(base, spec=spec).log_evidence() for spec in specs)
     assert after > before + 10.0
-    assert found.amplitudes["ocv_curve"] == base.spec.amplitudes["ocv_curve"]
+    # A wider curve beside a charge that is held, or a narrower one beside a free one: the search may end at either.
+    assert after == pytest.approx(of_base, abs=0.5)
 
 
 def test_no_amplitude_exceeds_what_physics_allows(wrong: FitCache):

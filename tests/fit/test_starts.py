@@ -57,7 +57,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> FitCache:
 
 def test_a_fit_at_a_wrong_local_optimum_reaches_the_best_one(late: FitCache):
     candidate, weights, spec = late.space.candidates[CLOCK], noise_of(late), late.space.spec([CLOCK])
-    stuck = descend(late.view, spec, weights, at(late, CLOCK, (DELAY_S - 10.0, 1.0)), steps=15)
+    stuck = descend(late.view, spec, weights, at(late, CLOCK, (DELAY_S - 40.0, 1.0)), steps=15)
     assert mean_square(late, stuck) > 2.0, "the fit is to be led out of a poor place, and is in none"
     led = best_along(late.view, spec, weights, candidate, stuck)
     assert mean_square(late, led) < 1.1
