@@ -159,11 +159,13 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     steps = [path for path in found.path if path and path != labels]
     ladder += [rung(cache, f"with {' + '.join(path)}", cache.fit(path), compared=True) for path in steps]
     final = rung(cache, f"with {' + '.join(labels) or 'corrected tables'}", last_fit, adjusted)
+    hypotheses = _hypotheses(search, found)
+    likely = {model: p for model, p in sorted(hypotheses.items(), key=lambda one: -one[1]) if p > RIVAL}
     stays = not wanted and bool(worse(cache, ladder[0].errors, final.errors))
     if stays:
         final = dataclasses.replace(ladder[0], name="as stated")
     else:
-        final = final.with_prediction_sd(prediction_sd(cache, last_fit, adjusted.x))
+        final = final.with_prediction_sd(prediction_sd(cache, last_fit, adjusted.x, likely))
     curves_differ = any(amplitude > NONE for amplitude in last_fit.spec.amplitudes.values())
     if labels or curves_differ or stays:
         ladder.append(final)
@@ -199,7 +201,6 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
         cache.settings,
     )
     most = cache.settings.most_probable
-    hypotheses = _hypotheses(search, found)
     effects = tuple(
         NamedEffect(
             label=label,
@@ -224,9 +225,8 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     candidates = dict(sorted(((n, min(p, most)) for n, p in candidates.items()), key=lambda pair: -pair[1]))
     scores = cache.scores(())
     critical = scores.critical_z()
-    blind = _blind(cache)
-    likely = sorted((model for model, p in hypotheses.items() if p > RIVAL), key=lambda one: -hypotheses[one])
-    rivals = [cache.fit(model) for model in likely[:MOST_RIVALS]] if len(likely) > 1 else []
+    blind = _blind(cache, found.final)
+    rivals = [cache.fit(model) for model in list(likely)[:MOST_RIVALS]] if len(likely) > 1 else []
     proposals = ()
     if rivals:
         cache.report("searching for an experiment that decides")
@@ -413,9 +413,12 @@ def _interval_s(cache: FitCache, name: str) -> float:
     return float(np.median(np.concatenate(steps))) if steps and sum(one.size for one in steps) else 0.0
 
 
-def _blind(cache: FitCache) -> tuple[str, ...]:
-    """Return the names of effects that the data could not show at their usual size, on any of their columns."""
-    seen = cache.scores(()).visible()
+def _blind(cache: FitCache, final: Fit) -> tuple[str, ...]:
+    """Return the names of effects that the data could not show at their usual size, on any of their columns.
+
+    They are asked beside the final model: what a base model that is far off leaves hides all that is small.
+    """
+    seen = cache.scores(final.added).visible()
     labels: dict[str, list[str]] = {}
     for label, candidate in cache.space.candidates.items():
         if candidate.group in ("effect", "sensor"):

@@ -201,26 +201,42 @@ def _raises(channels: Sequence[str], before: Mapping[str, ChannelError], after: 
     return f"on check runs it raises the error of {' and of '.join(parts)}"
 
 
-def prediction_sd(cache: FitCache, fit: Fit, x: np.ndarray) -> dict[str, float]:
-    """Return, by channel, the sd of a model's prediction of the check runs, as RMS over their readings.
+def prediction_sd(
+    cache: FitCache, fit: Fit, x: np.ndarray, models: Mapping[tuple[str, ...], float]
+) -> dict[str, float]:
+    """Return, by channel, the sd of a prediction of the check runs, as RMS over their readings.
 
-    sqrt(J C J'), J the derivatives of the predictions by the unknowns and C their covariance, scaled to the sd that the
-    runs show.
+    sqrt(J C J' + V), J the derivatives of the predictions by the unknowns, C their covariance, scaled to the sd that
+    the runs show, and V the variance between the predictions of the models that the fit runs do not tell apart.
 
     Args:
         cache: of the case.
         fit: the model.
         x: (unknowns,) its coordinates, starts of check runs adjusted.
+        models: by additions, the probabilities of the models that are not told apart; itself among them.
     """
     space, checks = cache.space, [number for number, run in enumerate(cache.case.runs) if run.split == "check"]
     data = collect(space.fitted, cache.noise, space.coarse.channels, checks, cache.settings)
     if not data.count:
         return {}
-    _, jacobian = linearised(View(space, data), space.problem(fit.spec), fit.spec, x)
+    view = View(space, data)
+    _, jacobian = linearised(view, space.problem(fit.spec), fit.spec, x)
     scale = fit.sd / np.sqrt(np.diag(fit.covariance))
     moved = jacobian * scale
-    variance = np.sum((moved @ fit.covariance) * moved, axis=1)
+    variance = np.sum((moved @ fit.covariance) * moved, axis=1) + _between(cache, view, models)
     return {
         name: float(np.sqrt(np.mean(np.concatenate([variance[rows] for rows in slices]))))
         for name, slices in data.by_channel.items()
     }
+
+
+def _between(cache: FitCache, view: View, models: Mapping[tuple[str, ...], float]) -> np.ndarray | float:
+    """Return the variance between the predictions of some models, (readings,), each counted by its probability."""
+    if len(models) < 2:
+        return 0.0
+    shares = np.array(list(models.values())) / sum(models.values())
+    fits = [cache.fit(one) for one in models]
+    predicted = np.stack(
+        [view.at(cache.space.problem(one.spec), [one.spec.lane(with_adjusted_starts(cache, one).x)])[0] for one in fits]
+    )
+    return shares @ (predicted - shares @ predicted) ** 2

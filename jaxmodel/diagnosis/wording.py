@@ -272,12 +272,18 @@ def removed(removes: Mapping[str, Removed]) -> str:
 
 
 def named_sentence(effect: NamedEffect) -> str:
-    """Say which effect is named, its parameters, and by how much it reduces the errors."""
-    numbers = join([f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()])
+    """Say which effect is named, its parameters, and by how much it reduces the errors.
+
+    A parameter whose sd exceeds its value is no number to use.
+    """
+    told = {name: one for name, one in effect.parameters.items() if not one.sd > abs(one.value)}
+    numbers = join([f"{name} = {with_sd(estimate)}" for name, estimate in told.items()])
+    untold = join([name for name in effect.parameters if name not in told])
     takes = removed(effect.removes)
     alone = f"; only {effect.rests_on} shows it" if effect.rests_on else ""
     reduces = takes and f"; it {takes}"
-    return f"{', '.join(filter(None, (effect_name(effect.label), numbers)))}{reduces}{alone}."
+    unknown = untold and f"; these data do not tell {untold}"
+    return f"{', '.join(filter(None, (effect_name(effect.label), numbers)))}{unknown}{reduces}{alone}."
 
 
 def curve_sentence(curve: CurveFound) -> str:

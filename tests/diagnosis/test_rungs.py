@@ -9,9 +9,12 @@ import pandas as pd
 import pytest
 
 from jaxmodel.case.records import Case
+from jaxmodel.diagnosis.held_out import prediction_sd
 from jaxmodel.diagnosis.investigation import Investigation
-from jaxmodel.diagnosis.result import RunError
-from jaxmodel.diagnosis.rungs import evaluated_rows
+from jaxmodel.diagnosis.result import NamedEffect, RunError
+from jaxmodel.diagnosis.rungs import evaluated_rows, with_adjusted_starts
+from jaxmodel.diagnosis.wording import named_sentence
+from jaxmodel.fit.estimates import Estimate
 from jaxmodel.fit.settings import SETTINGS
 from jaxmodel.fit.space import ModelSpace
 from tests.diagnosis.made_cases import all_but
@@ -61,3 +64,29 @@ def test_missing_readings_do_not_count():
     assert RunError.of(np.full(3, np.nan)) is None
     error = RunError.of(np.array([np.nan, 3.0, -4.0]))
     assert error == RunError(2, np.sqrt(12.5), -0.5, 4.0)
+
+
+def test_a_prediction_is_as_wide_as_the_models_that_are_not_told_apart(plain_small: Investigation):
+    cache = plain_small.cache
+    models = {(): 0.75, ("self_heating",): 0.25}
+    base = cache.fit((), "all")
+    x = with_adjusted_starts(cache, base).x
+    alone = prediction_sd(cache, base, x, {(): 1.0})
+    both = prediction_sd(cache, base, x, models)
+    checks = [run for run in cache.case.runs if run.split == "check"]
+    assert checks
+    assert (
+        both["cell_temperature_degC"] > 2.0 * alone["cell_temperature_degC"] or both["voltage_V"] > alone["voltage_V"]
+    )
+    for channel, sd in both.items():
+        predicted = [
+            cache.space.predicted(fit.spec, with_adjusted_starts(cache, fit).x) for fit in map(cache.fit, models)
+        ]
+        off = np.concatenate([(predicted[1][run.name][channel] - predicted[0][run.name][channel]) for run in checks])
+        assert sd == pytest.approx(np.sqrt(alone[channel] ** 2 + 0.75 * 0.25 * np.mean(off**2)), rel=1e-3)
+
+
+def test_a_number_that_is_not_told_is_not_printed():
+    numbers = {"R_ca": Estimate(55.0, 1300.0, "K/W"), "tau": Estimate(900.0, 20.0, "s")}
+    effect = NamedEffect("heat_path", "heat_path", "", 0.99, numbers, ())
+    assert named_sentence(effect) == "heat_path, tau = 900 ± 20 s; these data do not tell R_ca."
