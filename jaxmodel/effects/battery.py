@@ -243,7 +243,7 @@ class ChargeTransfer(Effect):
         meaning="activation energy of the exchange current; 0: the same at every temperature",
         lower=-2e4,
         upper=1e5,
-        typical=(0.0, 40e3),
+        typical=(0.0, 60e3),
         source="30 to 60 kJ/mol in physics-based models of cells",
         shape_grid=(0.0, 30e3),
     )
