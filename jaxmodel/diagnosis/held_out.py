@@ -19,6 +19,7 @@ from jaxmodel.diagnosis.rungs import evaluated_rows, rung, with_adjusted_starts
 from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.diagnosis.wording import amount
 from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.candidates import SHIFTED
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.gauss_newton import linearised
@@ -86,7 +87,8 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = (), again: boo
         against = _in_vain(search, model, others) or _raising(search, model, others)
         if not against:
             break
-        label = max(against, key=lambda one: against[one][0])
+        # A shift of one run says nothing of others: it goes before what acts in all.
+        label = max(against, key=lambda one: (cache.space.candidates[one].group in SHIFTED, against[one][0]))
         cache.report(f"dropping {label}")
         contradicted[label] = dataclasses.replace(found.tests[label], held_out=against[label][1])
         model = tuple(one for one in model if one != label)

@@ -33,6 +33,8 @@ Progress = Callable[[str], None]
 Curves = Literal["none", "base", "all", "beside"]
 # Log evidence by which a fit from another start must be better. Assumed.
 LEAST_BETTER = 0.5
+# Mean square error of a channel, over that of a simpler model, from which a start has given it up. Assumed.
+GIVEN_UP = 1.1
 # Random points from which the first fit may start, where the stated model stands still. Assumed.
 _RANDOM_STARTS = 15
 
@@ -168,7 +170,8 @@ class FitCache:
                 (exact, self.calibrated.x, self.calibrated.likelihood),
                 (spec, self.calibrated.x, None),
                 (held, self._first_start(held), None),
-            ]
+            ],
+            self.calibrated,
         )
 
     def is_within_tolerance(self, fit: Fit) -> bool:
@@ -220,18 +223,30 @@ class FitCache:
         stated = np.zeros_like(before.x)
         effects = [place for label in labels for place in self.space.layout.of[label]]
         stated[effects] = before.x[effects]
-        return self._best_of([(spec, before.x, before.likelihood), (self.flexible(spec, 1.0), stated, None)])
+        starts = [(spec, before.x, before.likelihood), (self.flexible(spec, 1.0), stated, None)]
+        return self._best_of(starts, before)
 
-    def _best_of(self, starts: Sequence[tuple[ModelSpec, np.ndarray, Likelihood | None]]) -> Fit:
+    def _best_of(self, starts: Sequence[tuple[ModelSpec, np.ndarray, Likelihood | None]], simpler: Fit) -> Fit:
         """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
 
         A knee of the open-circuit voltage has several places where it fits, and curves take up what a charge is off.
+        A channel that is given up counts for little in the evidence: a start that misses one by more than its tolerance
+        and more than a simpler model does has not found the place.
         """
 
         def evidence(fit: Fit, weights: Likelihood) -> float:
             return fit.log_evidence(weights) - rarer(fit.spec)
 
+        earlier = simpler.mean_squares(self.view)
+
+        def gives_up(fit: Fit) -> bool:
+            return any(
+                square > max(GIVEN_UP * earlier[name], self.tolerances[name] ** 2)
+                for name, square in fit.mean_squares(self.view).items()
+            )
+
         fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
+        fits = [one for one in fits if not gives_up(one)] or fits
         best = fits[0]
         for other in fits[1:]:
             weights = (best.likelihood, other.likelihood)

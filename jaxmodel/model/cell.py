@@ -9,7 +9,7 @@ from jaxmodel.model.curves import CellCurves
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.flow import Flow, State, integral, relaxation
 from jaxmodel.model.parameters import Parameters
-from jaxmodel.model.ports import CellContext, Effect, fold
+from jaxmodel.model.ports import CellContext, Effect, flows_of, fold
 
 ZERO_DEGC_IN_K = 273.15
 STORAGE_GAS_CONSTANT = 8.3143  # J/(mol K), as eq. 8 prints it
@@ -160,6 +160,4 @@ def flows(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> dict[st
         "v_tl_V": relaxation(current_A * context.R_TL, context.R_TL * context.C_TL),
     }
     heat_W = heat(cell, current_A, current_variance_A2)
-    for effect in cell.effects:
-        own |= effect.flows(context, None, heat_W)
-    return own
+    return own | flows_of(cell.effects, context, None, heat_W)

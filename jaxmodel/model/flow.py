@@ -6,6 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmodel.lanes.switch import switched
+
 State = dict[str, Array]
 """What a step carries on, by name; the states of an effect are called `effect.state`."""
 # Ends the name of what is lost when a state is added to.
@@ -17,7 +19,8 @@ class Flow(eqx.Module):
 
     It uses the decay instead of the time constant, so that a relaxation may stop (hysteresis at zero current) with
     finite values and derivatives. Without a decay it is an integral. A known target is kept too: with it the solution
-    needs one exponential and no division.
+    needs one exponential and no division. The state of an effect that is switched off stays: kernels then leave out
+    what would move it.
 
     Example:
         >>> import jax.numpy as jnp
@@ -30,6 +33,7 @@ class Flow(eqx.Module):
     source: Float[Array, ""]
     decay: Float[Array, ""] | None = None
     target: Float[Array, ""] | None = None
+    switch: Float[Array, ""] | None = None
 
 
 def integral(rate) -> Flow:
@@ -86,6 +90,8 @@ def advance(state: State, flows: dict[str, Flow], duration) -> State:
             # x + h (source - d x) mean(e^-ds) is the same solution, and exact where the decay is zero.
             rate = flow.source - flow.decay * state[name]
             move = duration * rate * mean_exponential(flow.decay * duration)
+        if flow.switch is not None:
+            move = switched(flow.switch, jnp.zeros_like(move), move)
         if rest is None:
             moved[name] = state[name] + move
         else:

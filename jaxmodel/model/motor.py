@@ -12,7 +12,7 @@ from jaxmodel.model.armature import ArmatureStep, Bend, Matrix, Pair, solve_pair
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.flow import Flow, State, mean_exponential, relaxation
 from jaxmodel.model.parameters import Parameters
-from jaxmodel.model.ports import Effect, MotorContext, fold, touches
+from jaxmodel.model.ports import Effect, MotorContext, flows_of, fold, touches
 from jaxmodel.model.root import rising_root
 
 TerminalVoltage = Callable[[Scalar], Scalar]
@@ -411,6 +411,4 @@ def flows(motor: Motor, step: ArmatureStep) -> dict[str, Flow]:
     """Return the flows of the motor's two temperature rises, eq. 15."""
     own = _stages(motor, loss(motor, step), _iron_loss(motor, step))
     context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
-    for effect in motor.effects:
-        own |= effect.flows(None, context, jnp.zeros(()))
-    return own
+    return own | flows_of(motor.effects, None, context, jnp.zeros(()))

@@ -202,6 +202,17 @@ def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> An
     return value
 
 
+def flows_of(
+    effects: tuple[Effect, ...], cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar
+) -> dict[str, Flow]:
+    """Return the flows of the states of all effects, each with the switch of its effect."""
+    found = {}
+    for effect in effects:
+        for name, flow in effect.flows(cell, motor, heat_W).items():
+            found[name] = Flow(flow.source, flow.decay, flow.target, effect.switch)
+    return found
+
+
 def touches(effects: tuple[Effect, ...], *ports: str) -> bool:
     """Return True if any effect acts on any of the ports."""
     return any(hasattr(effect, port) for effect in effects for port in ports)
