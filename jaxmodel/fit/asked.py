@@ -31,7 +31,7 @@ def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]
     for name in names:
         if name not in TABLE:
             known = parameter_table(case_model(case, case.runs[0]))
-            raise ParameterError(f"--parameter {name}: there is no such parameter.{instead(name, [*known])}")
+            raise ParameterError(f"{case.label}: no parameter is called '{name}'.{instead(name, [*known])}")
         stated = case.parameters.get(name)
         in_runs = name == "initial_soc" or any(name in run.overrides and run.overrides[name].sd for run in case.runs)
         if in_runs or (stated is not None and stated.sd is not None):

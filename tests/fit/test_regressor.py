@@ -64,6 +64,30 @@ def test_the_chosen_parameters_are_fitted_and_no_others(case: Case, table: pd.Da
     assert set(model.case_.effects) == {"self_heating"}
 
 
+def test_the_numbers_of_a_motor_are_found_and_a_run_between_is_predicted() -> None:
+    """From two voltages steps and loads that another model made, with the noise of its sensors."""
+    time, noise = np.arange(0.0, 20.0, 0.02), np.random.default_rng(0)
+    frames = {
+        name: pd.DataFrame({"time_s": time, "voltage_V": volt * (time > 1.0) * (1.0 - 0.3 * (time > 10.0))})
+        for name, volt in {"low": 6.0, "between": 9.0, "high": 12.0}.items()
+    }
+    frames = {name: one.assign(load_torque_Nm=0.01 * (time > 5.0), ambient_degC=20.0) for name, one in frames.items()}
+    truth = {"k_tau": 0.027, "R_0": 1.4, "J": 5e-5}
+    made = Case.from_dataframes(frames, kind="motor", load="measured", parameters=truth)
+    X = pd.concat(frames, names=["run"]).reset_index("run").reset_index(drop=True)
+    y = made.predict(X)[["current_A", "speed_rad_s"]]
+    y = y + noise.normal(size=y.shape) * [0.01, 0.5]
+    stated = {"k_tau": (0.025, 0.005), "R_0": (1.2, 0.4), "J": (6e-5, 3e-5)}
+    case = Case.from_dataframes({"low": frames["low"]}, kind="motor", load="measured", parameters=stated)
+    known = X["run"] != "between"
+    model = CaseRegressor(case).fit(X[known], y[known])
+    for name, value in truth.items():
+        found = model.estimates_.loc[name]
+        assert abs(found["value"] - value) < 4.0 * found["sd"]
+        assert found["sd"] < 0.01 * value
+    assert model.score(X[~known], y[~known]) > 0.999
+
+
 def test_the_shape_of_y_is_that_of_the_prediction(case: Case, table: pd.DataFrame) -> None:
     rows = table[table["run"] == "cc2C"]
     y = rows["voltage_V"]
