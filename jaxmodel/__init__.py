@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from jaxmodel.diagnosis.investigation import Investigation
     from jaxmodel.diagnosis.result import Diagnosis
     from jaxmodel.diagnosis.saved import read_diagnosis
+    from jaxmodel.fit.regressor import CaseRegressor
     from jaxmodel.fit.settings import SETTINGS, Settings
     from jaxmodel.model.curves import between_knots
     from jaxmodel.model.declaration import Scalar, parameter
@@ -66,6 +67,7 @@ __all__ = [
     "SETTINGS",
     "AnswerChanges",
     "Case",
+    "CaseRegressor",
     "CaseSimulation",
     "CellContext",
     "Cutoff",

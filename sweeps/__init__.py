@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from jaxmodel.sweeps.engine import Progress, run
     from jaxmodel.sweeps.forecasting import Forecast, forecast
     from jaxmodel.sweeps.metrics import End, Metric, Moment, Step, metrics_of, metrics_on_request
+    from jaxmodel.sweeps.parquet import to_parquet
     from jaxmodel.sweeps.results import lanes_per_second, load, percentiles, save
     from jaxmodel.sweeps.study import Study, read_study
 
@@ -38,6 +39,7 @@ __all__ = [
     "read_study",
     "run",
     "save",
+    "to_parquet",
 ]
 
 __getattr__, __dir__ = names_when_used(__name__, __file__)

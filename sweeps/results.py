@@ -14,7 +14,7 @@ import xarray as xr
 
 from jaxmodel.base.errors import MeasurementError, SweepError
 from jaxmodel.base.schema import without_schema
-from jaxmodel.base.units import unit_of
+from jaxmodel.base.units import split_unit, unit_of
 from jaxmodel.model.simulation import Status
 from jaxmodel.sweeps.lane import Outcome
 from jaxmodel.sweeps.manifest import manifest_of, ranges_of
@@ -23,6 +23,8 @@ from jaxmodel.sweeps.plan import Chunks
 from jaxmodel.sweeps.study import LANE, Study
 
 GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
+# What attributes and labels follow: units, long_name, flags (cfconventions.org).
+CONVENTIONS = "CF-1.11"
 # Variables of a result that are no metric.
 NO_METRICS = ("status", "valid_share")
 # More lines than this no spreadsheet shows; the Zarr store holds the same numbers.
@@ -63,7 +65,7 @@ def variables_of(study: Study) -> dict[str, Variable]:
     for name in study.store:
         found[name] = Variable((*dims, "time_s"), (lanes, rows), "float64", about(study, name))
     meanings = " ".join(status.name.lower() for status in Status)
-    flags = {"flag_values": [int(s) for s in Status], "flag_meanings": meanings}
+    flags = {"flag_values": np.array([*Status], dtype=np.int8), "flag_meanings": meanings}
     found["status"] = Variable(dims, (lanes,), "int8", {"long_name": "how the run ended", "units": "", **flags})
     return found
 
@@ -80,7 +82,7 @@ def coordinates_of(study: Study, drawn: bool = True) -> xr.Dataset:
         coordinates[name] = (LANE, values, about(study, name))
     if study.store:
         coordinates["time_s"] = ("time_s", study.prepared.stored_time_s, {"units": "s", "long_name": "time"})
-    return xr.Dataset(coords=coordinates)
+    return _as_cf(xr.Dataset(coords=coordinates))
 
 
 def about(study: Study, name: str) -> dict[str, Any]:
@@ -88,12 +90,34 @@ def about(study: Study, name: str) -> dict[str, Any]:
     info = study.prepared.info.get(name)
     if info is not None:
         return {"units": info.unit, "long_name": info.meaning}
-    return {"units": unit_of(name), "long_name": name if name in study.store else f"input {name}"}
+    words, _ = split_unit(name)
+    return {"units": unit_of(name), "long_name": words if name in study.store else f"input {words}"}
 
 
 def attributes_of(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Return what a dataset says of itself."""
-    return {"title": manifest["title"], "kind": manifest["kind"], "manifest": json.dumps(manifest)}
+    """Return what a dataset says of itself, by the names of the CF conventions where they have one."""
+    version = manifest["versions"]["jaxmodel"]
+    return {
+        "Conventions": CONVENTIONS,
+        "title": manifest["title"] or f"Sweep of a {manifest['kind']}",
+        "source": f"jaxmodel {version}, electro-thermal model of a {manifest['kind']}",
+        "history": f"Computed by a sweep of jaxmodel {version}.",
+        "kind": manifest["kind"],
+        "manifest": json.dumps(manifest),
+    }
+
+
+def _as_cf(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a result whose labels have no value for missing ones, and whose flags are numbers of the type of `status`.
+
+    The CF conventions ask for both. A Zarr store holds attributes as JSON, which has one type of numbers.
+    """
+    for coordinate in dataset.coords.values():
+        coordinate.encoding["_FillValue"] = None
+    if "status" in dataset:
+        attributes = dataset["status"].attrs
+        attributes["flag_values"] = np.asarray(attributes["flag_values"], dtype=dataset["status"].dtype)
+    return dataset
 
 
 class InMemory:
@@ -205,7 +229,7 @@ def load(directory: str | Path | Place) -> xr.Dataset:
         # A folder lists them in any order.
         drawn = [name for name in ranges_of(manifest["study"]) if name in dataset.coords]
         ordered = dataset.reset_coords(drawn)[[*drawn, *manifest["variables"]]].set_coords(drawn)
-        return ordered.assign_attrs(attributes_of(manifest))
+        return _as_cf(ordered.assign_attrs(attributes_of(manifest)))
     except MeasurementError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, OSError, ImportError, NotImplementedError) as error:

@@ -116,6 +116,10 @@ class Grid:
         return "/".join([GRID, name, "c", *map(str, place), *["0"] * further])
 
 
+def _json(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
 def damaged(place: Place, name: str) -> SweepError:
     """Return the error of a file that is not as it was written."""
     return SweepError(f"{place}: {name} is damaged; give another folder, or remove what is there.")
@@ -213,7 +217,7 @@ class Store:
                 compressors=_CHECKED,
                 fill_value=_NOT_RUN[variable.dtype],
                 dimension_names=variable.dims,
-                attributes=variable.attributes,
+                attributes={name: _json(value) for name, value in variable.attributes.items()},
             )
 
     def _is_damaged(self) -> bool:

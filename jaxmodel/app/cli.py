@@ -391,11 +391,11 @@ def export(
         str,
         typer.Option(
             metavar="FORMAT",
-            help="c, c-filter, mujoco, pybamm, simscape, or one that a package adds.",
+            help="bdf, c, c-filter, mujoco, pybamm, simscape, or one that a package adds.",
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The file.", show_default=False)],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The file; of bdf a folder.", show_default=False)],
     option: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="Of the format, as precision=float32 of c.", show_default=False),

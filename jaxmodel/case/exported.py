@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 from jaxmodel.base.in_short import InShort
 
@@ -12,8 +13,9 @@ class Exported(InShort):
     """A case in the file of another tool.
 
     Attributes:
-        content: of the file; text, or the bytes of a binary one.
+        content: of the file; text, or the bytes of a binary one. "" where the format has several files.
         left_out: what the file does not carry, one sentence each; the file has them in a comment, if it can have one.
+        files: the content of each file by name, of a format that writes several into a folder.
 
     Example:
         >>> from jaxmodel import read_case
@@ -23,7 +25,10 @@ class Exported(InShort):
 
     content: str | bytes
     left_out: tuple[str, ...]
+    files: Mapping[str, str | bytes] = dataclasses.field(default_factory=dict)
 
     def _in_short(self) -> str:
+        if self.files:
+            return f"{len(self.files)} files, {len(self.left_out)} things left out"
         kind = "characters" if isinstance(self.content, str) else "bytes"
         return f"{len(self.content)} {kind}, {len(self.left_out)} things left out"

@@ -125,7 +125,7 @@ def _case(
     known = vocabulary(entry.kind, load, servo)
     _check_sensors(entry.sensors, entry.kind, known, where)
     runs = tuple(
-        _run(
+        run_of(
             run,
             file,
             entry.kind,
@@ -177,7 +177,7 @@ def _toml_file(path: Path) -> Path:
     return real / toml.name if os.path.isdir(path) else real
 
 
-def _run(
+def run_of(
     entry: RunEntry,
     file: Path | None,
     kind: str,
@@ -186,7 +186,21 @@ def _run(
     measured: Callable[[], Measured],
     where: str,
 ) -> Run:
-    """Return one run with its readings."""
+    """Return one run with its readings.
+
+    Args:
+        entry: the form of the run.
+        file: its CSV; None for a table in memory.
+        kind: of the case.
+        known: the columns that its runs may have.
+        default_soc: the state of charge at its start, if it states none.
+        measured: returns its readings.
+        where: its name in messages.
+
+    Raises:
+        MeasurementError: as `measured`, or a tolerance is of no reading.
+        ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+    """
     stated_soc = {} if entry.initial_soc is None else {"initial_soc": entry.initial_soc}
     return Run(
         name=entry.file if file is None else file.stem,

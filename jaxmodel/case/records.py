@@ -292,6 +292,38 @@ class Case:
             return ()
         return tuple(name for name in CURVE_NAMES if name not in self.tables)
 
+    def predict(self, frame: pd.DataFrame, **stated: Any) -> pd.DataFrame:
+        """Return the readings that the model of the case predicts for new inputs.
+
+        They are what `simulate_case` gives for a run of these rows, cut-off included. A run with the name of one of the
+        case starts as that one is stated. Any other one starts charged (`initial_soc` 1), at rest and at ambient
+        temperature, unless it is stated otherwise.
+
+        Args:
+            frame: a row for each time, with the columns of a run's CSV, units in their names (docs/cases.md): `time_s`
+                (or as the index) and inputs. `run` names the run of each row, if there are several. Readings are not
+                needed; only those of the first row are used, of a motor that runs already. What a run states of its own
+                may be a column, with one number in all its rows: `initial_soc`, `specimen`, or a parameter.
+            stated: the same for all runs: `initial_soc=0.8`, `ambient_degC=25.0`, `cycles=300`.
+
+        Returns:
+            For each row of the table, under its index, every reading by column name, and `valid`: False where the
+            equations are outside their valid range. Rows after a cut-off are empty.
+
+        Raises:
+            MeasurementError: a column is missing, unknown or unusable; the message says which, where and what to do.
+            ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+
+        Example:
+            >>> import pandas as pd
+            >>> from jaxmodel import read_case
+            >>> case = read_case("examples/samsung_30q")
+            >>> frame = pd.DataFrame({"time_s": [0.0, 60.0, 120.0], "current_A": 6.0, "ambient_degC": 25.0})
+            >>> case.predict(frame, initial_soc=0.5)["voltage_V"].round(2).tolist()
+            [3.53, 3.38, 3.33]
+        """
+        return late_bound("jaxmodel.case.prediction:predict")(self, frame, stated)
+
     def write(self, folder: str | Path) -> Path:
         """Write the case as a folder with `case.toml` and a CSV for each run, which `read_case` takes.
 
@@ -307,9 +339,9 @@ class Case:
         """Return the model of the case in the format of another tool, and write it to a file if one is given.
 
         Args:
-            to: the format: "c", "c-filter", "mujoco", "pybamm" or "simscape", or the name of one that another package
-                adds (docs/how_to/export.md).
-            out: the file.
+            to: the format: "bdf", "c", "c-filter", "mujoco", "pybamm" or "simscape", or the name of one that another
+                package adds (docs/how_to/export.md).
+            out: the file; the folder of a format that writes several.
             options: of the format, such as `precision="float32"` of "c".
 
         Returns:

@@ -21,7 +21,6 @@ from jaxmodel.diagnosis.advice.identifiability import (
     MISFIT,
     Identifiability,
     Profiled,
-    asking_for,
     calibrated,
     deeper,
     identifiability,
@@ -29,6 +28,7 @@ from jaxmodel.diagnosis.advice.identifiability import (
 )
 from jaxmodel.diagnosis.answer import findings
 from jaxmodel.diagnosis.plotting import IdentificationPlots
+from jaxmodel.fit.asked import asking_for
 from jaxmodel.fit.cache import FitCache
 
 # A profile can lead to a deeper minimum, from which another one can.

@@ -10,6 +10,7 @@ investigation.add("self_heating")
 investigation.drop("self_heating")
 investigation.undo()
 investigation.ladder()            # every model so far
+investigation.to_xarray()         # the posterior of the present model, for ArviZ
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Concatenate, ParamSpec, TypeVar
 
 import pandas as pd
+import xarray as xr
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.progress import Stage, stages
@@ -28,6 +30,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.extended import extended_case
 from jaxmodel.diagnosis.findings import all_curves, run_found
 from jaxmodel.diagnosis.plotting import InvestigationPlots
+from jaxmodel.diagnosis.posterior import posterior_tree
 from jaxmodel.diagnosis.residuals.regime_map import RegimeMap, regime_map
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.result import Rung
@@ -151,6 +154,30 @@ class Investigation:
         last = self.present()
         rows = [(name, one.value, one.sd, one.unit, name in last.at_bound) for name, one in last.estimates.items()]
         return pd.DataFrame(rows, columns=["name", "value", "sd", "unit", "strained"])
+
+    @_shown
+    def to_xarray(self, draws: int = 500) -> xr.DataTree:
+        """Return the present model as draws of its posterior, in the groups of ArviZ.
+
+        The draws are of the normal approximation at the best fit, and of no Markov chain; the attributes of the groups
+        say so. The fitted runs are simulated for each.
+
+        Args:
+            draws: their number; memory is 16 bytes for each of them and each fitted reading.
+
+        Returns:
+            `posterior`: the numbers of `parameters` by name. `posterior_predictive`, `log_likelihood`, `observed_data`:
+            by channel, over its fitted readings; a log score is per independent reading. `constant_data`: best fit,
+            residual, and sd and readings for each independent one of the weights.
+
+        Example:
+            >>> from jaxmodel import Investigation, read_case
+            >>> tree = Investigation(read_case("examples/samsung_30q"), progress=False).to_xarray(draws=200)
+            >>> tree["posterior/capacity_Ah"].dims, list(tree["log_likelihood"].data_vars)
+            (('chain', 'draw'), ['voltage_V', 'cell_temperature_degC'])
+        """
+        self._tell("drawing from the posterior of the present model")
+        return posterior_tree(self.cache, self.model, draws)
 
     def extended_case(self) -> Case:
         """Return the case with the parameters, effects and tables of the present model."""

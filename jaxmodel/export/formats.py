@@ -11,18 +11,19 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
 from jaxmodel.base.atomic_files import write_whole
-from jaxmodel.base.errors import ParameterError, instead, reason
+from jaxmodel.base.errors import MeasurementError, ParameterError, instead, reason
 from jaxmodel.case.exported import Exported
 from jaxmodel.case.records import Case
 
 GROUP = "jaxmodel.export"
 # Ours stand here too, so that they need no installed package.
 OWN = {
+    "bdf": "jaxmodel.export.bdf:export_bdf",
     "c": "jaxmodel.export.c_model:export_c",
     "c-filter": "jaxmodel.export.c_filter:export_c_filter",
     "mujoco": "jaxmodel.export.mujoco_actuator:export_mujoco",
@@ -69,14 +70,31 @@ def export(case: Case, to: str, **options: Any) -> Exported:
 
 
 def export_case(case: Case, to: str, out: str | Path | None = None, **options: Any) -> Exported:
-    """Return a case in a format, and write it to a file if one is given.
+    """Return a case in a format, and write it to a file if one is given; to a folder where the format has several.
 
     Raises:
         ParameterError: as `export`.
-        OSError: the file cannot be written.
+        MeasurementError: there is a folder in place of the file, the reverse, or a file of the case itself.
+        OSError: a file cannot be written.
     """
     found = export(case, to, **options)
     if out is not None:
-        Path(out).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(Path(out), found.content)
+        files = {Path(out, name): content for name, content in found.files.items()} or {Path(out): found.content}
+        _refuse(case, to, Path(out), files)
+        for path, content in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, content)
     return found
+
+
+def _refuse(case: Case, to: str, out: Path, files: Collection[Path]) -> None:
+    """Raise MeasurementError for a place where files of an export cannot be, or would replace a run of the case."""
+    several = out not in files
+    if several and out.is_file():
+        raise MeasurementError(f"{out} is a file, and '{to}' writes several; give a folder.")
+    if not several and out.is_dir():
+        raise MeasurementError(f"{out}: this is a folder; give a file.")
+    own = {file.resolve() for file in case.files}
+    for path in files:
+        if path.resolve() in own:
+            raise MeasurementError(f"{path}: this is a file of the case; give another{' folder' if several else ''}.")

@@ -101,7 +101,7 @@ def print_sweep(dataset: xr.Dataset) -> None:
         if name not in NO_METRICS and np.isfinite(found[name]).all()
     ]
     columns = ("metric", "unit", "least", *(f"{percent:g} %" for percent in _PERCENTS[1:-1]), "greatest")
-    terminal.table(dataset.attrs["title"] or "Sweep", columns, rows, right=range(2, len(columns)))
+    terminal.table(dataset.attrs["title"], columns, rows, right=range(2, len(columns)))
     lanes = dataset["status"].size
     terminal.say(f"{lanes:,} lanes, {sweeps.lanes_per_second(dataset):,.0f} lanes/s.")
     for status, what in (

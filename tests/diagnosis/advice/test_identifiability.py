@@ -15,13 +15,13 @@ from jaxmodel.base.errors import ParameterError
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice.identifiability import (
     Identifiability,
-    asking_for,
     calibrated,
     deeper,
     identifiability,
     names_of,
     profile_likelihood,
 )
+from jaxmodel.fit.asked import asking_for
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import FitData
 from jaxmodel.fit.estimate import Fit, calibrate
