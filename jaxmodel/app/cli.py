@@ -391,7 +391,7 @@ def export(
         str,
         typer.Option(
             metavar="FORMAT",
-            help="c, c-filter, mujoco, pybamm, simscape, or one that a package adds.",
+            help="c, c-filter, fmu, mujoco, pybamm, simscape, or one that a package adds.",
             show_default=False,
         ),
     ],
