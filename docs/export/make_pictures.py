@@ -86,18 +86,14 @@ def of_filter() -> None:
             c.samsung_30q_filter_step(*map(number, (duration, *row)), memory, estimate)
             told.append(estimate[0])
         found[precision] = np.array(told)
-    counted = case.runs[0].initial_soc.value - np.cumsum(rows[1:, 0] * durations) / 3600.0 / capacity(case)
+    counted_Ah = np.cumsum(rows[1:, 0] * durations) / 3600.0
+    counted = case.runs[0].initial_soc.value - counted_Ah / float(case_model(case).parameters.capacity_Ah)
     lines = {"counted from the known start": np.append(case.runs[0].initial_soc.value, counted)}
     lines |= {f"C of the filter in {precision}": values for precision, values in found.items()}
     difference = 1e6 * (found["float32"] - found["float64"])
     units = ("state of charge", "difference (1e-6)")
     two(measured.time_s, lines, {"float32 less float64": difference}, units).savefig(HERE / "filter.png")
     print(f"filter: float32 less float64 {np.abs(difference).max():.2f}e-6 at most")
-
-
-def capacity(case: Case) -> float:
-    """Return the capacity of a cell in A h."""
-    return float(case_model(case).parameters.capacity_Ah)
 
 
 def of_fmu() -> None:

@@ -23,12 +23,15 @@ from tests.export.other_python import run_by
 from tests.export.test_c_model import EFFECTS, WARNINGS, made_up
 from tests.export.test_mujoco import servo
 
-# Each brings another rule of steps: growing ones, those of a kink, of saturation, of a loop, and of a resonance.
+# Each brings another rule of steps: growing ones, those of a kink, of saturation, of a resonance, of a winding that
+# warms while a heavy rotor starts, and of one with a kink too.
 MOTORS = {
-    "growing": {},
-    "kink": {"brush_drop": {}, "presliding": {}},
-    "saturation": {"saturation": {}, "magnet_temperature": {}},
-    "resonance": {"flexible_shaft": {"J_l": 1e-5, "k": 0.5}},
+    "growing": ({}, {}),
+    "kink": ({"brush_drop": {}, "presliding": {}}, {}),
+    "saturation": ({"saturation": {}, "magnet_temperature": {}}, {}),
+    "resonance": ({"flexible_shaft": {"J_l": 1e-5, "k": 0.5}}, {}),
+    "heavy": ({}, {"J": 2e-3}),
+    "heavy, kink": ({"brush_drop": {}}, {"J": 2e-3}),
 }
 # Of the largest number of its kind. FMUs, like JAX, take the same steps; what is left is rounding.
 MOST = 1e-11
@@ -111,9 +114,9 @@ def assert_alike(found: Mapping[str, np.ndarray], ours: Mapping[str, np.ndarray]
         np.testing.assert_allclose(values, ours[name], rtol=0, atol=MOST * np.abs(ours[name]).max() + 1e-300)
 
 
-@pytest.mark.parametrize("effects", MOTORS.values(), ids=MOTORS)
-def test_a_motor_takes_the_steps_of_a_simulation(effects: dict, tmp_path: Path, cc: str) -> None:
-    case = made_up("motor", effects=effects)
+@pytest.mark.parametrize(("effects", "parameters"), MOTORS.values(), ids=MOTORS)
+def test_a_motor_takes_the_steps_of_a_simulation(effects: dict, parameters: dict, tmp_path: Path, cc: str) -> None:
+    case = made_up("motor", effects=effects, parameters=parameters)
     profile = run_profile(case.runs[0])
     # Rows with a jump of the inputs and without, short ones and long ones.
     time_s = np.concatenate([[0.0, 0.002], np.arange(1.0, 20.0)])
@@ -154,6 +157,37 @@ def test_parameters_are_set(tmp_path: Path, cc: str) -> None:
     assert instance.variables["self_heating.hA"]["variability"] == "tunable"
     changed = with_values(case_model(case), {name: jnp.asarray(value) for name, value in values.items()})
     assert_alike(simulated(instance, profile, values), simulate(changed, profile).readings)
+
+
+def test_steps_follow_the_parameters_that_are_set(tmp_path: Path, cc: str) -> None:
+    """A motor of another inertia and inductance starts in other steps."""
+    case, values = made_up("motor"), {"J": 2e-3, "L_a": 1e-3, "R_0": 0.2}
+    profile = run_profile(case.runs[0])
+    changed = with_values(case_model(case), {name: jnp.asarray(value) for name, value in values.items()})
+    found = simulated(Fmu2(tmp_path, case.export("fmu").content), profile, values)
+    assert_alike(found, simulate(changed, profile).readings)
+
+
+def test_a_step_that_fails_changes_nothing(tmp_path: Path, cc: str) -> None:
+    case = made_up("cell")
+    instance = Fmu2(tmp_path, case.export("fmu").content)
+    instance.start({}, {"current_A": 2.0, "ambient_degC": 20.0})
+    instance.call("DoStep", 0.0, 10.0, 0)
+    before = instance.get("soc", "voltage_V")
+    capacity = float(instance.variables["capacity_Ah"]["start"])
+    instance.set({"capacity_Ah": 0.0})
+    error = 3
+    assert instance.library.fmi2DoStep(instance.instance, ctypes.c_double(10.0), ctypes.c_double(1.0), 0) == error
+    instance.set({"capacity_Ah": capacity})
+    assert instance.get("soc", "voltage_V") == before
+    instance.call("DoStep", 10.0, 1.0, 0)
+
+
+def test_an_fmu_of_another_case_is_not_this_one(tmp_path: Path, cc: str) -> None:
+    instance = Fmu2(tmp_path, made_up("cell").export("fmu").content)
+    other = files_of(made_up("robot").export("fmu", binary="no").content)
+    token = ElementTree.fromstring(other["modelDescription.xml"]).attrib["guid"]
+    assert not instance.library.fmi2Instantiate(b"two", 1, token.encode(), b"", None, 0, 0)
 
 
 def test_a_long_step_is_cut_into_usual_ones(tmp_path: Path, cc: str) -> None:
