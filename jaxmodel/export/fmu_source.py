@@ -215,7 +215,7 @@ def _write_pace(file: CFile, given: Sequence[Given], model: Model, profile: Prof
 
     def numbers(model: Model) -> dict[str, Any]:
         pace = pace_of(model, profile.inputs)
-        return {name: value for name in names if (value := getattr(pace, name)) is not None}
+        return {name: jnp.asarray(value) for name in names if (value := getattr(pace, name)) is not None}
 
     pace = pace_of(model, profile.inputs)
     file.write(

@@ -174,7 +174,7 @@ class Pace(NamedTuple):
 
 def pace_of(model: Model, inputs: Collection[str]) -> Pace:
     """Return what the steps of a model follow that is driven by inputs of these names; pure in the model's numbers."""
-    p, longest_s = model.parameters, jnp.asarray(np.inf)
+    p, longest_s = model.parameters, math.inf
     for effect in model.effects:
         if hasattr(effect, "longest_step_s"):
             own = effect.longest_step_s(p)
