@@ -53,6 +53,7 @@ def export_fmu(case: Case, *, fmi: str | int = "2", binary: str = "yes") -> Expo
     left_out = (
         *left_out_of_model(case, model, profile),
         "Tables and curves are constants of the FMU: numbers alone can be set.",
+        "Inputs are held over a communication step; it has no derivatives of readings, and is not for model exchange.",
     )
     try:
         with jax.enable_x64(True):
