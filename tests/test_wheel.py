@@ -115,6 +115,8 @@ def test_a_wheel_has_every_module_and_no_other_program(wheel: Path) -> None:
     content = contents(wheel)
     assert {name for name in content if name.endswith(".py")} == modules
     assert "jaxmodel/py.typed" in content  # counts for all packages inside
+    sources = {f"jaxmodel/export/fmi/{path.name}" for path in (REPOSITORY / "jaxmodel/export/fmi").iterdir()}
+    assert {name for name in content if name.endswith((".c", ".h"))} == sources  # what an FMU is compiled from
 
 
 def test_the_version_is_that_of_the_tag(source: Path, tmp_path: Path) -> None:

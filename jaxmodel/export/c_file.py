@@ -34,7 +34,7 @@ static {real} {name}({real} x, const {real} *knots, const {real} *values, int32_
 
 def comment(lines: Sequence[str]) -> str:
     """Return lines as a comment of C."""
-    first, *rest = lines
+    first, *rest = (line.replace("*/", "* /") for line in lines)
     return "\n".join([f"/* {first}", *(f" * {line}".rstrip() for line in rest), " */"])
 
 

@@ -26,17 +26,27 @@ _STEPS = 24
 _MOST_ROWS = 5000  # of the run that steps are taken from
 
 _TEST = """/* Compiled with -D{upper}_TEST, the file is a program that compares it with jaxmodel: it returns 0 if
- * each result is within {tolerance:g} of the largest of its kind. Each row is a step: what is given, what is found. */
+ * each result is within {tolerance:g} of the largest of its kind. Each row is a call: what is given, what is found. */
 #ifdef {upper}_TEST
 #include <stdio.h>
 #include <string.h>
 
-static const double vectors[{count}][{width}] = {{
+{parts}
+int main(void)
+{{
+    double worst = 0.0;
+{worst}
+    printf("{counts}, largest error %.3g, allowed %.3g\\n", worst, {tolerance:g});
+    return worst <= {tolerance:g} ? 0 : 1;
+}}
+#endif
+"""
+_PART = """static const double {what}[{count}][{width}] = {{
 {rows}
 }};
-static const double largest[{results}] = {{{largest}}};
+static const double largest_of_{what}[{results}] = {{{largest}}};
 
-int main(void)
+static double error_of_{what}(void)
 {{
     double worst = 0.0;
     for (int32_t row = 0; row < {count}; row++) {{
@@ -46,14 +56,12 @@ int main(void)
 {calls}
 {gather}
         for (int32_t k = 0; k < {results}; k++) {{
-            const double error = fabs((double)found[k] - vectors[row][{given} + k]) / largest[k];
-            if (!(error <= worst)) {{ worst = error; }}
+            const double error = fabs((double)found[k] - {what}[row][{given} + k]) / largest_of_{what}[k];
+            if (!(error <= worst)) {{ worst = isnan(error) ? INFINITY : error; }}
         }}
     }}
-    printf("%d steps, largest error %.3g, allowed %.3g\\n", {count}, worst, {tolerance:g});
-    return worst <= {tolerance:g} ? 0 : 1;
+    return worst;
 }}
-#endif
 """
 
 
@@ -150,9 +158,8 @@ def program(name: str, real: str, vectors: Vectors, tolerance: float) -> str:
         tolerance: the largest error, as a share of the largest number of its kind.
     """
     states = tuple(f"state.{identifier(key)}" for key in vectors.states)
-    return comparison(
-        name,
-        real,
+    part = Part(
+        "steps",
         (
             f"{name}_state state;",
             f"{name}_inputs inputs;",
@@ -164,48 +171,65 @@ def program(name: str, real: str, vectors: Vectors, tolerance: float) -> str:
         (f"{name}_step(&inputs, duration_s, &state);", f"{name}_read(&inputs, &state, &readings);"),
         (*states, *(f"readings.{identifier(key)}" for key in vectors.readings)),
         vectors,
-        tolerance,
     )
+    return comparison(name, real, [part], tolerance)
 
 
-def comparison(
-    name: str,
-    real: str,
-    declared: Sequence[str],
-    targets: Sequence[str],
-    calls: Sequence[str],
-    sources: Sequence[str],
-    steps: Steps,
-    tolerance: float,
-) -> str:
-    """Return the text of a program that compares a file with steps.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Part:
+    """Calls of a file that are compared.
 
-    Args:
-        name: that the functions of the file begin with.
-        real: the type of its numbers.
-        declared: declarations of the variables of a step.
+    Attributes:
+        what: the calls are, as "steps".
+        declared: declarations of the variables of a call.
         targets: where each number that is given goes.
         calls: of the functions.
         sources: where each number that is found is.
         steps: the numbers.
+    """
+
+    what: str
+    declared: Sequence[str]
+    targets: Sequence[str]
+    calls: Sequence[str]
+    sources: Sequence[str]
+    steps: Steps
+
+
+def comparison(name: str, real: str, parts: Sequence[Part], tolerance: float) -> str:
+    """Return the text of a program that compares a file with numbers of ours.
+
+    Args:
+        name: that the functions of the file begin with.
+        real: the type of its numbers.
+        parts: what is compared.
         tolerance: the largest error, as a share of the largest number of its kind.
     """
-    rows = np.concatenate([steps.given, steps.found], axis=1)
-    load = [f"{target} = ({real})vectors[row][{k}];" for k, target in enumerate(targets)]
     return _TEST.format(
         upper=name.upper(),
-        real=real,
         tolerance=tolerance,
+        parts="\n".join(_part(real, part) for part in parts),
+        worst="\n".join(f"    worst = fmax(worst, error_of_{part.what}());" for part in parts),
+        counts=", ".join(f"{len(part.steps.given)} {part.what}" for part in parts),
+    )
+
+
+def _part(real: str, part: Part) -> str:
+    rows = np.concatenate([part.steps.given, part.steps.found], axis=1)
+    load = [f"{target} = ({real}){part.what}[row][{k}];" for k, target in enumerate(part.targets)]
+    return _PART.format(
+        what=part.what,
+        real=real,
         count=len(rows),
         width=rows.shape[1],
-        results=len(sources),
-        given=len(targets),
-        largest=broken(", ".join(literal(value, np.float64) for value in steps.size)),
+        results=len(part.sources),
+        given=len(part.targets),
+        largest=broken(", ".join(literal(value, np.float64) for value in part.steps.size)),
         rows="\n".join(broken("    {" + ", ".join(literal(x, np.float64) for x in row) + "},") for row in rows),
-        declared=_indented(declared),
+        declared=_indented(part.declared),
         load=_indented(load),
-        calls=_indented(calls),
-        gather=_indented([f"found[{k}] = {source};" for k, source in enumerate(sources)]),
+        calls=_indented(part.calls),
+        gather=_indented([f"found[{k}] = {source};" for k, source in enumerate(part.sources)]),
     )
 
 

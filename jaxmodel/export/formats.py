@@ -26,6 +26,7 @@ OWN = {
     "bdf": "jaxmodel.export.bdf:export_bdf",
     "c": "jaxmodel.export.c_model:export_c",
     "c-filter": "jaxmodel.export.c_filter:export_c_filter",
+    "fmu": "jaxmodel.export.fmu:export_fmu",
     "mujoco": "jaxmodel.export.mujoco_actuator:export_mujoco",
     "pybamm": "jaxmodel.export.pybamm_parameters:export_pybamm",
     "simscape": "jaxmodel.export.simscape:export_simscape",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Collection
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,7 +19,8 @@ from jaxmodel.lanes.xla_kernel import holds_constants
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.electrothermal import Model, Readings, initial_state, read, step, valid
 from jaxmodel.model.flow import State
-from jaxmodel.model.ports import Effect, touches
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import touches
 from jaxmodel.model.possible import possible
 from jaxmodel.model.profile import (
     BENDING_STEP_SHARE,
@@ -137,46 +140,66 @@ def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
 
 def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Grid:
     """Return the steps of a profile for a model; `jumped_s` as of `jaxmodel.model.profile.make_grid`."""
-    grid = _by_armature(model, profile, jumped_s)
-    limits = [
-        float(np.min(effect.longest_step_s(model.parameters)))
-        for effect in model.effects
-        if hasattr(effect, "longest_step_s") and (effect.switch is None or np.any(effect.switch))
-    ]
-    return grid.cut(min(limits)) if limits else grid
+    pace = pace_of(model, profile.inputs)
+    longest_s = float(np.min(pace.longest_s))
+    if pace.electrical_s is None:
+        grid = make_grid(profile, None)
+    else:
+        shortest, longest = float(np.min(pace.rotor_s)), float(np.max(pace.rotor_s))
+        settling, share = ((shortest, longest) if pace.bends else None), BENDING_STEP_SHARE
+        if longest > SLOW_ROTOR_S:
+            shortest = min(shortest if pace.bends else max(shortest, SLOW_ROTOR_S), WARMING_S)
+            settling, share = (shortest, longest), WARMING_STEP_SHARE
+        grid = make_grid(profile, float(np.min(pace.electrical_s)), settling, share, pace.growth, jumped_s)
+    return grid.cut(longest_s) if math.isfinite(longest_s) else grid
 
 
-def _by_armature(model: Model, profile: Profile, jumped_s: float | None) -> Grid:
-    """Return the steps that armature, rotor and controller need."""
-    if model.kind == "cell" or "speed_rad_s" in profile.inputs:  # no rotor settles
-        return make_grid(profile, None)
+class Pace(NamedTuple):
+    """What the steps of a model follow, in s; each number of one lane, or of many.
+
+    Attributes:
+        longest_s: the longest step that a closed loop and effects allow; inf without either.
+        electrical_s: L_a / R_0 of a motor whose rotor settles after a jump of the inputs, else None.
+        rotor_s: R_0 J / k_tau^2 of such a motor, else None.
+        growth: ratio of each step after a jump to the one before.
+        bends: whether the armature has a kink at zero current.
+    """
+
+    longest_s: Any
+    electrical_s: Any = None
+    rotor_s: Any = None
+    growth: float = GROWTH
+    bends: bool = False
+
+
+def pace_of(model: Model, inputs: Collection[str]) -> Pace:
+    """Return what the steps of a model follow that is driven by inputs of these names; pure in the model's numbers."""
+    p, longest_s = model.parameters, math.inf
+    for effect in model.effects:
+        if hasattr(effect, "longest_step_s"):
+            own = effect.longest_step_s(p)
+            longest_s = jnp.minimum(longest_s, own if effect.switch is None else jnp.where(effect.switch, own, np.inf))
+    if model.kind == "cell" or "speed_rad_s" in inputs:  # no rotor settles
+        return Pace(longest_s)
     for effect in model.effects:
         if hasattr(effect, "command"):
-            return _in_closed_loop(model, profile, effect)
-    p = jax.tree.map(np.asarray, model.parameters)
-    electrical = float(np.min(p.L_a / p.R_0))
+            return Pace(jnp.minimum(longest_s, _of_loop(p, effect)))
     bends = touches(model.effects, "armature_voltage_drop")
     growth = GROWTH_SATURATING if touches(model.effects, "motor_torque") else GROWTH
-    settling = np.asarray(p.R_0 * p.J / p.k_tau**2)
-    shortest, longest = float(settling.min()), float(settling.max())
-    if longest > SLOW_ROTOR_S:
-        shortest = min(shortest if bends else max(shortest, SLOW_ROTOR_S), WARMING_S)
-        return make_grid(profile, electrical, (shortest, longest), WARMING_STEP_SHARE, growth, jumped_s)
-    return make_grid(profile, electrical, (shortest, longest) if bends else None, BENDING_STEP_SHARE, growth, jumped_s)
+    return Pace(longest_s, p.L_a / p.R_0, p.R_0 * p.J / p.k_tau**2, growth, bends)
 
 
-def _in_closed_loop(model: Model, profile: Profile, controller: Effect) -> Grid:
-    """Return the steps of a motor under a controller: a row each, or as many as its loop needs.
+def _of_loop(p: Parameters, controller: Any) -> Array:
+    """Return the longest step of a motor under a controller, in s: a share of the time constant of its loop.
 
     The loop settles with k_tau k_d / J and oscillates with sqrt(k_tau k_p / J), where the controller sets the current;
     where it sets the voltage, k_tau / R_0 stands in the place of k_tau.
     """
-    p, gains = jax.tree.map(np.asarray, (model.parameters, controller))
     per_unit = p.k_tau / p.J / (p.R_0 if controller.column == "voltage_V" else 1.0)
-    fastest = np.max(per_unit * gains.k_p)
-    if hasattr(gains, "k_d"):
-        fastest = max(math.sqrt(fastest), float(np.max(per_unit * gains.k_d)))
-    return make_grid(profile, None).cut(LOOP_SHARE / max(float(fastest), 1e-9))
+    fastest = per_unit * controller.k_p
+    if hasattr(controller, "k_d"):
+        fastest = jnp.maximum(jnp.sqrt(fastest), per_unit * controller.k_d)
+    return LOOP_SHARE / jnp.maximum(fastest, 1e-9)
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:

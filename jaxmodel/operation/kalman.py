@@ -178,7 +178,8 @@ def corrected_step(
     model: Model, tuning: Tuning, mean: Array, covariance: Array, duration: Array, row: Row
 ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
     """Return mean and covariance after a step and its reading, and the output there."""
-    return _correct(model, tuning, *_predict(model, tuning, mean, covariance, duration, row), row)
+    mean, covariance = predicted(model, tuning, mean, covariance, duration, row)
+    return corrected_at(model, tuning, mean, covariance, row, mean)
 
 
 def first_corrected(
@@ -190,9 +191,14 @@ def first_corrected(
     readings = (measured.current_A, measured.degC, measured.voltage_V, least)
     first, later = (jax.tree.map(lambda x, part=part: x[part], readings) for part in (0, slice(1, None)))
     before = before_first_reading(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
-    # A wrong start is far from where the curves should be linearised: the first reading is, where it is most probable.
-    near = _most_probable(model, tuning, *before, first)
-    begin, output = _correct(model, tuning, *before, first, near=near)
+
+    # A wrong start is far from where the curves should be linearised: the first reading is, where it is most probable,
+    # and then where each round before ended (iterated extended Kalman filter).
+    def closer(_: Any, at: Array) -> Array:
+        return _linearised(model, tuning, *before, first, at)[-1]
+
+    at = jax.lax.fori_loop(0, FIRST_ROUNDS - 1, closer, _most_probable(model, tuning, *before, first))
+    begin, output = corrected_at(model, tuning, *before, first, at)
     return begin, output, (duration, later)
 
 
@@ -313,7 +319,7 @@ def _voltage_sds(model: Model, tuning: Tuning, x: Array, row: Row) -> tuple[Arra
     return tuning.drop_share * drop, jnp.sqrt(sum(part**2 for part in parts))
 
 
-def _predict(
+def predicted(
     model: Model, tuning: Tuning, mean: Array, covariance: Array, duration: Array, row: Row
 ) -> tuple[Array, Array]:
     """Move mean and covariance over a step by the model's own, linearised at the mean."""
@@ -327,59 +333,64 @@ def _predict(
     return end, covariance
 
 
-def _correct(
-    model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, near: Array | None = None
+def corrected_at(
+    model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, at: Array
 ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-    """Correct by a voltage (Joseph's form, which keeps the covariance positive); return both, and the output.
+    """Correct by a voltage that is linearised at given states, and return mean and covariance, and the output.
 
-    The reading is linearised at the mean; or first at `near`, and then where each round before ended (iterated
-    extended Kalman filter).
+    The covariance is in Joseph's form, which keeps it positive. Without a voltage nothing is corrected.
     """
+    along, innovation, spread, gain, corrected = _linearised(model, tuning, mean, covariance, row, at)
+    normalised = jnp.where(jnp.isfinite(row[2]), innovation / jnp.sqrt(spread), jnp.nan)
+    left = jnp.eye(mean.shape[0]) - gain[:, None] * along
+    covariance = _product(_product(left, covariance), left.T) + tuning.voltage_sd_V**2 * gain[:, None] * gain
+    return (corrected, covariance), output_of(model, corrected, covariance, normalised)
+
+
+def _linearised(
+    model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, at: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return slope, innovation, its variance, gain and corrected mean with the reading linearised at given states."""
     voltage, soc = row[2], state_names(model).index("soc")
-    variance = tuning.voltage_sd_V**2
     seen = jnp.isfinite(voltage)
 
     def reading(x: Array) -> Array:
         return expected_voltage(model, x, row)
 
-    def linearised(x: Array) -> tuple[Array, Array, Array, Array, Array]:
-        along = jax.jacfwd(reading)(x)
-        innovation = jnp.where(seen, voltage - reading(x) - jnp.sum(along * (mean - x)), 0.0)
-        across = jnp.sum(covariance * along, axis=1)
-        spread = jnp.sum(across * along) + variance
-        gain = jnp.where(seen, across / spread, 0.0)
-        along_soc = covariance[:, soc] - gain * across[soc]
-        return along, innovation, spread, gain, within_range(mean + gain * innovation, along_soc, soc)
-
-    if near is not None:
-        near = jax.lax.fori_loop(0, FIRST_ROUNDS - 1, lambda _, x: linearised(x)[-1], near)
-    along, innovation, spread, gain, corrected = linearised(mean if near is None else near)
-    normalised = jnp.where(seen, innovation / jnp.sqrt(spread), jnp.nan)
-    left = jnp.eye(mean.shape[0]) - gain[:, None] * along
-    covariance = _product(_product(left, covariance), left.T) + variance * gain[:, None] * gain
-    return (corrected, covariance), output_of(model, corrected, covariance, normalised)
+    along = jax.jacfwd(reading)(at)
+    innovation = jnp.where(seen, voltage - reading(at) - jnp.sum(along * (mean - at)), 0.0)
+    across = jnp.sum(covariance * along, axis=1)
+    spread = jnp.sum(across * along) + tuning.voltage_sd_V**2
+    gain = jnp.where(seen, across / spread, 0.0)
+    along_soc = covariance[:, soc] - gain * across[soc]
+    return along, innovation, spread, gain, within_range(mean + gain * innovation, along_soc, soc)
 
 
 def _most_probable(model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row) -> Array:
     """Return the mean before the first reading with the most probable state of charge after it, of all of its range.
 
-    Along the charge the reading may bend and turn, where a local search would end at the wrong place. The other states
-    are linearised at their means at each charge.
+    Along the charge the reading may bend and turn, where a local search would end at the wrong place.
+    """
+    soc = state_names(model).index("soc")
+    charges = jnp.append(jnp.linspace(*SOC_RANGE, FIRST_CHARGES), mean[soc])
+    found = jax.vmap(lambda charge: improbability(model, tuning, mean, covariance, row, charge))(charges)
+    best = charges[jnp.argmin(found)]
+    return jnp.where((jnp.arange(mean.shape[0]) == soc) & jnp.isfinite(row[2]), best, mean)
+
+
+def improbability(model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, charge: Array) -> Array:
+    """Return -2 log of the posterior density of a state of charge at the first reading, without a constant.
+
+    The other states are linearised at their means at that charge.
     """
     soc = state_names(model).index("soc")
     here = jnp.arange(mean.shape[0]) == soc
     rest = jnp.where(here[:, None] | here[None, :], 0.0, covariance)
-
-    def improbability(charge: Array) -> Array:
-        x = jnp.where(here, charge, mean)
-        along = jax.jacfwd(lambda at: expected_voltage(model, at, row))(x)
-        spread = jnp.sum(jnp.sum(rest * along, axis=1) * along) + tuning.voltage_sd_V**2
-        off = (row[2] - expected_voltage(model, x, row)) ** 2 / spread + jnp.log(spread)
-        return off + (charge - mean[soc]) ** 2 / covariance[soc, soc]
-
-    charges = jnp.append(jnp.linspace(*SOC_RANGE, FIRST_CHARGES), mean[soc])
-    best = charges[jnp.argmin(jax.vmap(improbability)(charges))]
-    return jnp.where(here & jnp.isfinite(row[2]), best, mean)
+    x = jnp.where(here, charge, mean)
+    along = jax.jacfwd(lambda at: expected_voltage(model, at, row))(x)
+    spread = jnp.sum(jnp.sum(rest * along, axis=1) * along) + tuning.voltage_sd_V**2
+    off = (row[2] - expected_voltage(model, x, row)) ** 2 / spread + jnp.log(spread)
+    return off + (charge - mean[soc]) ** 2 / covariance[soc, soc]
 
 
 def output_of(model: Model, mean: Array, covariance: Array, normalised: Array) -> tuple[Array, ...]:

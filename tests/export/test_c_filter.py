@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import json
 import re
 import subprocess
@@ -15,59 +16,78 @@ import pytest
 
 from jaxmodel import case_model, operation, read_case
 from jaxmodel.base.errors import ParameterError
-from jaxmodel.operation.kalman import before_first_reading, corrected_step
+from jaxmodel.operation.kalman import ekf
 from tests.export.test_c_model import WARNINGS, made_up, vectors_of
 
-NAME = "samsung_30q"
+
+@functools.cache
+def text_of(precision: str) -> str:
+    """Return the C of a shipped cell's filter; it takes seconds."""
+    return read_case("examples/samsung_30q").export("c-filter", precision=precision).content
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_the_test_vectors_pass(precision: str, tmp_path: Path, cc: str) -> None:
-    text = read_case("examples/samsung_30q").export("c-filter", precision=precision).content
-    done = vectors_of(text, tmp_path, cc)
+    done = vectors_of(text_of(precision), tmp_path, cc)
     assert done.returncode == 0, done.stdout
     allowed = float(re.search(r"allowed (\S+)", done.stdout)[1])
     assert allowed == 1e-12 if precision == "float64" else 2e-5 <= allowed < 1e-3
 
 
-def test_a_whole_discharge_is_that_of_the_filter(tmp_path: Path, cc: str) -> None:
-    """From a charge that is 0.2 too low, and with readings of the voltage that are missing."""
+class Filter:
+    """The filter of a case as a library."""
+
+    def __init__(self, folder: Path, cc: str) -> None:
+        (folder / "filter.c").write_text(text_of("float64"), encoding="utf-8")
+        library = folder / "filter.so"
+        command = [cc, *WARNINGS, "-shared", "-fPIC", str(folder / "filter.c"), "-o", str(library), "-lm"]
+        subprocess.run(command, check=True)
+        self.library = ctypes.CDLL(str(library))
+        self.memory, self.estimate = (ctypes.c_double * 90)(), (ctypes.c_double * 8)()
+
+    def call(self, function: str, *numbers: float, tells: bool = True) -> list[float]:
+        places = (self.memory, self.estimate) if tells else (self.memory,)
+        getattr(self.library, f"samsung_30q_filter_{function}")(*map(ctypes.c_double, numbers), *places)
+        return list(self.estimate)
+
+
+@pytest.mark.parametrize("first_is_missing", [False, True])
+def test_a_whole_discharge_is_that_of_the_filter(first_is_missing: bool, tmp_path: Path, cc: str) -> None:
+    """From a charge that is far too low, with readings of the voltage that are missing."""
+    c = Filter(tmp_path, cc)
     case = read_case("examples/samsung_30q")
-    case.export("c-filter", tmp_path / "filter.c")
-    library = tmp_path / "filter.so"
-    subprocess.run(
-        [cc, *WARNINGS, "-shared", "-fPIC", str(tmp_path / "filter.c"), "-o", str(library), "-lm"], check=True
-    )
-    c = ctypes.CDLL(str(library))
-    run, start = case.runs[0], case.runs[0].initial_soc.value - 0.2
+    run, start = case.runs[0], 0.2
     columns = run.measured.inputs | run.measured.outputs
-    known = np.zeros(run.measured.time_s.size)
-    rows = np.stack([columns["current_A"], columns["ambient_degC"], columns["voltage_V"], known], axis=1)
+    rows = np.stack([columns["current_A"], columns["ambient_degC"], columns["voltage_V"]], axis=1)
     rows[20::7, 2] = np.nan
-    durations = np.diff(run.measured.time_s, prepend=run.measured.time_s[0])
+    rows[0, 2] = np.nan if first_is_missing else rows[0, 2]
 
     model, tuning = operation.for_estimation(case_model(case)), operation.Tuning()
-    first = tuple(jnp.asarray(rows[0]))
-    carried = before_first_reading(model, tuning, first, jnp.asarray(start), jnp.zeros(()))
+    measured = operation.Measured(jnp.asarray(run.measured.time_s), *jnp.asarray(rows.T))
+    told = jax.jit(ekf)(model, tuning, measured, jnp.asarray(start), jnp.zeros(()))
 
-    def advance(carried: tuple, given: tuple) -> tuple:
-        return corrected_step(model, tuning, *carried, given[0], tuple(given[1]))
-
-    _, told = jax.jit(lambda begin: jax.lax.scan(advance, begin, (jnp.asarray(durations), jnp.asarray(rows))))(carried)
-
-    memory, estimate = (ctypes.c_double * 90)(), (ctypes.c_double * 8)()
-    double = ctypes.c_double
-    c.samsung_30q_filter_start(double(start), double(rows[0, 0]), double(rows[0, 1]), double(0.0), memory)
-    found = []
-    for duration, row in zip(durations, rows, strict=True):
-        c.samsung_30q_filter_step(double(duration), *map(double, row[:3]), memory, estimate)
-        found.append(list(estimate))
+    c.call("start", start, *rows[0, :2], 0.0, tells=False)
+    found = [c.call("first", *rows[0])]
+    for duration, row in zip(np.diff(run.measured.time_s), rows[1:], strict=True):
+        found.append(c.call("step", duration, *row))
     found = np.array(found)
-    np.testing.assert_allclose(found[:, 0], told[0], atol=1e-9)
-    np.testing.assert_allclose(found[:, 1], told[1], rtol=1e-7)
-    np.testing.assert_allclose(found[:, 7], told[8], atol=1e-8)
-    assert abs(found[0, 0] - start) > 0.1  # the first reading corrects it
+    np.testing.assert_allclose(found[:, 0], told.soc, atol=1e-9)
+    np.testing.assert_allclose(found[:, 1], told.sd, rtol=1e-7)
+    np.testing.assert_allclose(found[:, 7], told.current_offset_A, atol=1e-8)
     assert np.isnan(found[20, 2])
+    assert found[0, 0] == start if first_is_missing else abs(found[0, 0] - run.initial_soc.value) < 0.02
+
+
+def test_the_search_finds_what_a_step_does_not(tmp_path: Path, cc: str) -> None:
+    """A step linearises the voltage at the wrong charge, where the curve is steep."""
+    c, run = Filter(tmp_path, cc), read_case("examples/samsung_30q").runs[0]
+    columns = run.measured.inputs | run.measured.outputs
+    row = [float(columns[name][0]) for name in ("current_A", "ambient_degC", "voltage_V")]
+    errors = {}
+    for function, given in (("first", row), ("step", [0.0, *row])):
+        c.call("start", 0.02, *row[:2], 0.0, tells=False)
+        errors[function] = abs(c.call(function, *given)[0] - run.initial_soc.value)
+    assert errors["first"] < 0.02 < 0.1 < errors["step"]
 
 
 def test_a_tuning_of_an_evaluation_is_used(tmp_path: Path) -> None:

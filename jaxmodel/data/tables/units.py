@@ -69,6 +69,9 @@ _AGAINST = re.compile(r"\s+vs\b.*$", re.IGNORECASE)
 # Between the units of a compound one, and powers of them.
 _BETWEEN = re.compile(r"[\s./*·⋅^-]+|[\d²³]+")
 
+_SI = {"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd"}
+_SI |= {"radian": "rad"}
+
 
 class Conversion(NamedTuple):
     """A change of unit: value times factor, plus offset."""
@@ -114,6 +117,25 @@ def conversion(unit: str, target: str) -> Conversion | None:
             return None
         raise
     return Conversion(float(one - zero), float(zero))
+
+
+def in_si(unit: str) -> tuple[dict[str, int], Conversion] | None:
+    """Return the SI base units of a unit of this project, by their exponents, and the conversion into them.
+
+    Radians count as a base unit, as they do in names of units. It is None if an exponent is not whole, or if there is
+    no such unit.
+    """
+    registry, pint = _registry()
+    try:
+        found = registry.Unit(re.sub(r"(?<=[A-Za-z])(?=\d)", "**", unit))
+        zero, one = (registry.Quantity(value, found).to_base_units() for value in (0.0, 1.0))
+    except (pint.PintError, AttributeError, ValueError):
+        return None
+    exponents = {name: float(power) for name, power in one.unit_items()}
+    if not all(power.is_integer() and name in _SI for name, power in exponents.items()):
+        return None
+    whole = {_SI[name]: int(power) for name, power in exponents.items()}
+    return whole, Conversion(float((one - zero).magnitude), float(zero.magnitude))
 
 
 @functools.cache
