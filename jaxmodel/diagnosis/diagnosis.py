@@ -286,7 +286,10 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
 
 
 def _hypotheses(search: Search, found: Found) -> dict[Labels, float]:
-    """Return the probability of the final model and of its rivals: those lacking something or with another thing."""
+    """Return the probability of the final model and of its rivals: those lacking something or with another thing.
+
+    What held-out runs contradict is none.
+    """
     cache, final = search.cache, found.final
     logs: dict[Labels, float] = {final.added: 0.0}
     for label, test in found.tests.items():
@@ -298,7 +301,8 @@ def _hypotheses(search: Search, found: Found) -> dict[Labels, float]:
             logs[model] = search.evidence(cache.fit(model), final.likelihood) - own
     if not final.added:
         for label, test in found.refused.items():
-            logs[(label,)] = test.gain - test.odds
+            if not test.held_out:
+                logs[(label,)] = test.gain - test.odds
     return dict(zip(logs, softmax(np.array(list(logs.values()))).tolist(), strict=True))
 
 

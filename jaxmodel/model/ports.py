@@ -11,6 +11,7 @@ import inspect
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from jaxmodel.base.errors import EffectError, nearest
 from jaxmodel.base.in_short import InShort, text_of
@@ -205,11 +206,16 @@ def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> An
 def flows_of(
     effects: tuple[Effect, ...], cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar
 ) -> dict[str, Flow]:
-    """Return the flows of the states of all effects, each with the switch of its effect."""
+    """Return the flows of the states of all effects.
+
+    The states of an effect that is switched off stay. One that is a little on, to learn what it would change, moves its
+    states as it does whole.
+    """
     found = {}
     for effect in effects:
+        switch = None if effect.switch is None else jnp.where(effect.switch != 0.0, 1.0, 0.0)
         for name, flow in effect.flows(cell, motor, heat_W).items():
-            found[name] = Flow(flow.source, flow.decay, flow.target, effect.switch)
+            found[name] = Flow(flow.source, flow.decay, flow.target, switch)
     return found
 
 

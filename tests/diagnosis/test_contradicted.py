@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
-from jaxmodel.diagnosis import held_out
+from jaxmodel.diagnosis import comparison, held_out
+from jaxmodel.diagnosis.diagnosis import _hypotheses
 from jaxmodel.diagnosis.held_out import _raising
+from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.diagnosis.result import ChannelError
-from jaxmodel.diagnosis.search import Search
+from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.fit.cache import FitCache
 
 NAME = "arrhenius_resistance"
@@ -53,3 +55,11 @@ def test_a_curve_that_is_the_effect_by_another_name_does_not_contradict_it(monke
 def test_a_law_has_no_curve_of_its_name(monkeypatch: pytest.MonkeyPatch):
     errors = {(True, "all"): 0.03, (False, "all"): 0.02, (True, "beside"): 0.03, (False, "beside"): 0.06}
     assert _raising(search(monkeypatch, errors, "law"), (NAME,), [NAME])
+
+
+@pytest.mark.parametrize("held_out", ["", "on check runs it raises the error of voltage_V from 3 to 9 mV"])
+def test_what_held_out_runs_contradict_is_no_rival(plain_small: Investigation, held_out: str) -> None:
+    search = Search(plain_small.cache)
+    refused = comparison.Test("self_heating", 50.0, 8.0, 1.0, 9.0, True, True, (), held_out=held_out)
+    found = Found(plain_small.cache.base, ((),), {}, {"self_heating": refused}, {})
+    assert _hypotheses(search, found)[()] == pytest.approx(1.0 if held_out else 0.0, abs=1e-9)
