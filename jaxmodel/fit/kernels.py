@@ -37,7 +37,8 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     """
     # Sensors with a state of their own cost as much as the run: lanes that have none go without.
     switches = np.stack([lane.switches for lane in lanes])
-    dynamic = _have_dynamic_sensors(problem, switches)
+    have = _dynamic_sensors(problem, switches)
+    dynamic = np.any(have, axis=1)
     if dynamic.any() and not dynamic.all():
         parts = [
             predicted(problem, [lane for lane, chosen in zip(lanes, which, strict=True) if chosen], pool)
@@ -45,7 +46,7 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
         ]
         order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
         return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
-    ready = _ready(problem, lanes[0], bool(dynamic[0]))
+    ready = _ready(problem, lanes[0], tuple(bool(one) for one in np.any(have, axis=0)))
     numbers = problem.unknowns.numbers(np.stack([lane.x for lane in lanes]))
     values: dict[str, Any] = {
         "numbers": numbers,
@@ -68,7 +69,7 @@ class _Ready(NamedTuple):
     shared: list[Shared]
 
 
-def _ready(problem: Problem, lane: Lane, dynamic: bool) -> _Ready:
+def _ready(problem: Problem, lane: Lane, dynamic: tuple[bool, ...]) -> _Ready:
     """Return what each call with a problem needs, made once."""
     if dynamic not in problem.ready:
         kernel = kernel_of(problem, problem.by_run[0], lane)
@@ -77,13 +78,14 @@ def _ready(problem: Problem, lane: Lane, dynamic: bool) -> _Ready:
     return problem.ready[dynamic]
 
 
-def _have_dynamic_sensors(problem: Problem, switches: np.ndarray) -> np.ndarray:
-    """Return, for switches of lanes (lanes, switches), whether each has a sensor with a state."""
+def _dynamic_sensors(problem: Problem, switches: np.ndarray) -> np.ndarray:
+    """Return, for switches of lanes (lanes, switches), which sensors with a state each has, (lanes, sensors)."""
     dynamic = [effect for effect in problem.models.effects if effect.has_state]
-    if any(effect.switch is None for effect in dynamic):
-        return np.ones(len(switches), dtype=bool)
-    places = [problem.switched.index(effect.label) for effect in dynamic]
-    return np.any(switches[:, places] != 0.0, axis=1)
+    on = [
+        np.ones(len(switches)) if one.switch is None else switches[:, problem.switched.index(one.label)]
+        for one in dynamic
+    ]
+    return np.array(on, dtype=float).reshape(len(dynamic), len(switches)).T != 0.0
 
 
 def kernel_of(problem: Problem, run: OneRun, lane: Lane) -> Kernel:
@@ -180,5 +182,6 @@ def _shapes(problem: Problem, run: OneRun, lane: Lane) -> Any:
         "switches": shape(np.shape(lane.switches), np.dtype(float)),
         "laws": shape(np.shape(lane.laws), np.dtype(float)),
     }
-    shared = (*jax.tree.map(like, (model,)), long, like(of_run), shape((), np.dtype(bool)))
+    sensors = sum(effect.has_state for effect in problem.models.effects)
+    shared = (*jax.tree.map(like, (model,)), long, like(of_run), shape((sensors,), np.dtype(bool)))
     return shared, own

@@ -180,7 +180,7 @@ class Problem(eqx.Module):
             if effect.has_state
         ]
         dynamic = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
-        return Needed(jnp.max(self.tracks.last_step) + 1, jnp.any(jnp.asarray(dynamic, dtype=bool)))
+        return Needed(jnp.max(self.tracks.last_step) + 1, jnp.asarray(dynamic, dtype=bool))
 
     def without(self, absent: Collection[str]) -> Problem:
         """Return the problem without some effects, all others always on: a program that takes a fraction of the time.
@@ -255,7 +255,7 @@ class Problem(eqx.Module):
         return found
 
     @functools.cached_property
-    def ready(self) -> dict[bool, Any]:
+    def ready(self) -> dict[tuple[bool, ...], Any]:
         """What calls of its kernel with and without dynamic sensors need; see `fit.kernels`."""
         return {}
 

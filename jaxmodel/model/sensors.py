@@ -32,13 +32,14 @@ def distort(
 ) -> dict[str, Array]:
     """Pass each reading, over its rows, through the sensor effects of its column; `states` are after every step.
 
-    Effects with state or delay are skipped if no lane has one (`dynamic` is False): they take as long as the run.
+    Each effect with state or delay is skipped if no lane has it: it takes as long as the run. `dynamic` says of each of
+    them, in order, whether one has.
     """
     sensors = sensors_of(model)
     if not sensors:
         return readings
     if dynamic is None or not any(effect.has_state for effect in sensors):
-        return _distort(sensors, model, readings, states, track)
+        return _distort(sensors, None, model, readings, states, track)
     return _distort_if_needed(dynamic, model, readings, states, track)
 
 
@@ -56,7 +57,11 @@ def sensors_of(model: Model) -> tuple[Effect, ...]:
 def _distort_if_needed(dynamic: Array, model: Model, *given) -> dict[str, Array]:
     sensors = sensors_of(model)
     static = tuple(effect for effect in sensors if not effect.has_state)
-    return jax.lax.cond(dynamic, lambda: _distort(sensors, model, *given), lambda: _distort(static, model, *given))
+    return jax.lax.cond(
+        jnp.any(dynamic),
+        lambda: _distort(sensors, dynamic, model, *given),
+        lambda: _distort(static, None, model, *given),
+    )
 
 
 @_distort_if_needed.def_jvp
@@ -64,13 +69,18 @@ def _distort_if_needed_jvp(primals, tangents):
     """Include all sensor effects: an effect that is off may have a derivative."""
     (_, model, *given), (_, *along) = primals, tangents
     return eqx.filter_jvp(
-        lambda model, *given: _distort(sensors_of(model), model, *given), (model, *given), tuple(along)
+        lambda model, *given: _distort(sensors_of(model), None, model, *given), (model, *given), tuple(along)
     )
 
 
 @eqx.filter_jit
 def _distort(
-    sensors: tuple[Effect, ...], model: Model, readings: dict[str, Array], states: State, track: Track
+    sensors: tuple[Effect, ...],
+    dynamic: Array | None,
+    model: Model,
+    readings: dict[str, Array],
+    states: State,
+    track: Track,
 ) -> dict[str, Array]:
     signals = {}
     if any(effect.has_state for effect in sensors):
@@ -86,7 +96,7 @@ def _distort(
             )
             for name, values in readings.items()
         }
-    return {name: faulty(sensors, name, values, signals.get(name)) for name, values in readings.items()}
+    return {name: faulty(sensors, name, values, signals.get(name), dynamic) for name, values in readings.items()}
 
 
 def within_steps(model: Model, states: State, inputs: dict[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -104,9 +114,20 @@ def within_steps(model: Model, states: State, inputs: dict[str, Array]) -> tuple
     return read_all(before, during), read_all(after, during)
 
 
-def faulty(sensors: tuple[Effect, ...], name: str, values: Array, signal: Signal | None) -> Array:
+def faulty(
+    sensors: tuple[Effect, ...], name: str, values: Array, signal: Signal | None, dynamic: Array | None = None
+) -> Array:
     """Return the readings of a column, over its rows, after its sensor effects; they need `signal` if one has state."""
-    return fold(tuple(e for e in sensors if e.column in ("", name)), "reading", values, signal)
+    with_state = [effect.label for effect in sensors if effect.has_state]
+    for effect in sensors:
+        if effect.column not in ("", name):
+            continue
+        if dynamic is None or not effect.has_state:
+            values = fold((effect,), "reading", values, signal)
+        else:
+            needed = dynamic[with_state.index(effect.label)]
+            values = jax.lax.cond(needed, lambda x, e=effect: fold((e,), "reading", x, signal), lambda x: x, values)
+    return values
 
 
 def lagged(signal: Signal, time_constant_s) -> Array:

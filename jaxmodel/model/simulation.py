@@ -81,7 +81,7 @@ class Needed(eqx.Module):
 
     Attributes:
         steps: number of steps; later ones are not computed. Such a run has forward-mode derivatives only. None for all.
-        dynamic_sensors: whether any lane has a sensor effect with internal state or delay.
+        dynamic_sensors: of each sensor effect with internal state or delay, in order, whether any lane has it.
     """
 
     steps: Array | None

@@ -91,7 +91,7 @@ def test_steps_that_no_lane_needs_are_left_out_and_change_nothing(watched: bool)
 
         return jax.vmap(of_one)(currents)
 
-    needed = Needed(jnp.max(run_steps.last_step) + 1, jnp.asarray(True))
+    needed = Needed(jnp.max(run_steps.last_step) + 1, jnp.array([True]))
     everything = lanes(None)
     for one, other in zip(jax.tree.leaves(everything), jax.tree.leaves(jax.jit(lanes)(needed)), strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-14)
@@ -99,7 +99,7 @@ def test_steps_that_no_lane_needs_are_left_out_and_change_nothing(watched: bool)
 
 def test_steps_past_those_needed_are_not_taken():
     run_steps, time_s = padded(CELL, constant(300.0, 1.0, current_A=2.0, ambient_degC=20.0), rows=512)
-    soc = run_track(CELL, run_steps, time_s, None, Needed(jnp.asarray(1), jnp.asarray(False))).states["soc"]
+    soc = run_track(CELL, run_steps, time_s, None, Needed(jnp.asarray(1), jnp.zeros(0, dtype=bool))).states["soc"]
     assert np.all(np.diff(soc[: ROUND + 1]) < 0.0)
     np.testing.assert_array_equal(soc[ROUND:], soc[ROUND])
 
@@ -110,7 +110,7 @@ def test_a_memory_that_no_lane_needs_is_left_out():
     plain = Model("cell", Parameters(initial_soc=0.9), effects=(offset,))
     run_steps, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
     steps = jnp.max(run_steps.last_step) + 1
-    late, prompt = (run_track(model, run_steps, time_s, None, Needed(steps, jnp.asarray(on))) for on in (True, False))
+    late, prompt = (run_track(model, run_steps, time_s, None, Needed(steps, jnp.asarray([on]))) for on in (True, False))
     expected = run_track(plain, run_steps, time_s).readings
     np.testing.assert_allclose(prompt.readings["voltage_V"], expected["voltage_V"], rtol=1e-14)
     assert float(jnp.max(jnp.abs(late.readings["voltage_V"] - expected["voltage_V"]))) > 1e-3
