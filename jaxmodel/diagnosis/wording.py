@@ -58,9 +58,10 @@ def verdict_title(diagnosis: Diagnosis) -> str:
         differs = [in_words(diagnosis.case.kind, name) for name in specimens]
         differs += [*(["a table"] if diagnosis.curves else []), *(["a run"] if diagnosis.runs else [])]
         return f"No effect is missing, but {join(differs)} {'differ' if len(differs) > 1 else 'differs'}"
+    title = VERDICT_TITLES[diagnosis.verdict]
     if diagnosis.verdict in ("missing_effect", "sensor_fault") and not is_established(diagnosis):
-        return "An effect may be missing" if diagnosis.verdict == "missing_effect" else "A sensor may be faulty"
-    return VERDICT_TITLES[diagnosis.verdict]
+        title = "An effect may be missing" if diagnosis.verdict == "missing_effect" else "A sensor may be faulty"
+    return f"Within tolerance; below it, {_small(title)}" if _is_below_tolerance(diagnosis) else title
 
 
 def is_established(diagnosis: Diagnosis) -> bool:
@@ -81,21 +82,28 @@ def _verdict(diagnosis: Diagnosis, plain: bool) -> str:
     named = join([effect_name(one.label) if plain else _with_probability(one) for one in diagnosis.effects])
     model = "model" if plain else "base model"
     doubt = "" if not diagnosis.effects or is_established(diagnosis) else "not established: "
+    found = _found(diagnosis, named, doubt, model)
+    if _is_below_tolerance(diagnosis):
+        return f"The calibrated {model} is adequate{_for_limits(diagnosis)}; below that, {found}"
+    return _capital(found)
+
+
+def _found(diagnosis: Diagnosis, named: str, doubt: str, model: str) -> str:
     match diagnosis.verdict:
         case _ if diagnosis.stays_as_stated:
             return "The model stays as stated: calibrated, it predicts the check runs worse, and no effect is named."
         case "adequate":
             return _adequate(diagnosis, model)
         case "missing_effect":
-            return _capital(f"{doubt}the {model} lacks {named}{_of_another_form(diagnosis)}.")
+            return f"{doubt}the {model} lacks {named}{_of_another_form(diagnosis)}."
         case "sensor_fault":
             if not _is_good_enough(diagnosis):
                 fault = f"a sensor is faulty: {named}; the data show no missing effect, but {exceeding(diagnosis)}"
-                return _capital(f"{doubt}{fault}.")
-            fault = f"the model needs no further physics; a sensor is faulty: {named}"
-            return _capital(f"{doubt}{fault}{_of_another_form(diagnosis)}.")
+                return f"{doubt}{fault}."
+            alone = "" if _is_below_tolerance(diagnosis) else "the model needs no further physics; "
+            return f"{doubt}{alone}a sensor is faulty: {named}{_of_another_form(diagnosis)}."
         case "unknown_effect":
-            besides = f"Besides {named}, the" if named else "The"
+            besides = f"besides {named}, the" if named else "the"
             what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""
             return f"{besides} {model} lacks something that no effect of the catalogue explains{what}."
         case "undecided" if diagnosis.unexplained:
@@ -113,6 +121,10 @@ def _capital(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
+def _small(text: str) -> str:
+    return f"{text[:1].lower()}{text[1:]}"
+
+
 def _is_good_enough(diagnosis: Diagnosis) -> bool:
     """Return True if no error and no check run is above its tolerance."""
     return not above_tolerance(diagnosis) and not failing_runs(diagnosis)
@@ -123,8 +135,25 @@ def _adequate(diagnosis: Diagnosis, base: str) -> str:
         return f"The data show no missing effect, but {exceeding(diagnosis)}."
     corrected = diagnosis.curves or diagnosis.runs or diagnosis.specimens
     model = "with the corrections below the model" if corrected else "the final model"
-    if not any(_exceeds(diagnosis.base.errors[name], one.rms) for name, one in diagnosis.tolerance.items()):
+    if _base_is_good_enough(diagnosis):
         model = f"the calibrated {base}"
+    return _capital(f"{model} is adequate{_for_limits(diagnosis)}: the data show no missing effect.")
+
+
+def _is_below_tolerance(diagnosis: Diagnosis) -> bool:
+    """Return True if what was found is of no matter for the tolerances: without it the errors are within them."""
+    found = not diagnosis.stays_as_stated and diagnosis.verdict in ("missing_effect", "sensor_fault", "unknown_effect")
+    return found and bool(diagnosis.tolerance) and _base_is_good_enough(diagnosis)
+
+
+def _base_is_good_enough(diagnosis: Diagnosis) -> bool:
+    """Return True if the calibrated base model is within all tolerances, on fit runs and on check runs."""
+    errors = diagnosis.base.errors
+    return not any(_exceeds(errors[name], one.rms) for name, one in diagnosis.tolerance.items())
+
+
+def _for_limits(diagnosis: Diagnosis) -> str:
+    """Return ' for 16.5 mV of voltage (assumed) and 1 K of cell temperature (assumed)'; '' without tolerances."""
     limits = []
     if len(diagnosis.tolerance) > MOST_CHANNELS:
         assumed = ", assumed" if all(one.assumed for one in diagnosis.tolerance.values()) else ""
@@ -133,8 +162,7 @@ def _adequate(diagnosis: Diagnosis, base: str) -> str:
         for name, one in diagnosis.tolerance.items():
             (value,), unit = amount(name, [one.rms])
             limits.append(f"{value} {unit} of {split_unit(name)[0]}{' (assumed)' if one.assumed else ''}")
-    adequate_for = f" for {join(limits)}" if limits else ""
-    return _capital(f"{model} is adequate{adequate_for}: the data show no missing effect.")
+    return f" for {join(limits)}" if limits else ""
 
 
 def _exceeds(error: ChannelError, limit: float) -> bool:

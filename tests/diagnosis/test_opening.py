@@ -34,11 +34,13 @@ def with_final(diagnosis: Diagnosis, **changes: object) -> Diagnosis:
 
 @pytest.fixture(scope="module")
 def certain(diagnosis: Diagnosis) -> Diagnosis:
-    """One effect, nothing against it."""
+    """One effect, nothing against it; without it an error is above its tolerance."""
+    base, final = (one.errors["voltage_V"] for one in (diagnosis.base, diagnosis.final))
+    limit = 0.5 * (max(base.fit, base.check) + max(final.fit, final.check))
     return dataclasses.replace(
         diagnosis,
         effects=diagnosis.effects[:1],
-        tolerance=GENEROUS,
+        tolerance=GENEROUS | {"voltage_V": ToleranceUsed(limit, None, False)},
         fit_for_purpose={"voltage_V": {"run-03": True}},
         extrapolated=(),
         immaterial=(),
@@ -53,6 +55,7 @@ def adequate(certain: Diagnosis) -> Diagnosis:
         effects=(),
         candidates=(("base", 0.98), ("something_else", 0.02)),
         ladder=certain.ladder[:2],
+        tolerance=GENEROUS,
     )
 
 
@@ -65,6 +68,16 @@ def test_effect_that_nothing_speaks_against_is_sure(certain: Diagnosis) -> None:
     assert opening(certain).missing.startswith("The model lacks self_heating: the cell warms by its own losses.")
     assert opening(certain).sure.startswith("Sure: probability 0.97.")
     assert headline(certain).next_step.what is Next.NOTHING
+
+
+def test_what_is_found_below_the_tolerances_comes_second(certain: Diagnosis) -> None:
+    within = dataclasses.replace(certain, tolerance=GENEROUS)
+    first = "The calibrated model is adequate for 100 V of voltage and 100 K of cell temperature; below that, "
+    assert opening(within).missing.startswith(f"{first}the model lacks self_heating: the cell warms")
+    assert verdict_title(within) == "Within tolerance; below it, an effect is missing"
+    faulty = dataclasses.replace(within, verdict="sensor_fault")
+    assert "below that, a sensor is faulty: " in verdict_sentence(faulty)
+    assert verdict_title(certain) == "An effect is missing"
 
 
 @pytest.mark.parametrize(
