@@ -391,7 +391,7 @@ def export(
         str,
         typer.Option(
             metavar="FORMAT",
-            help="bdf, c, c-filter, fmu, mujoco, pybamm, simscape, or one that a package adds.",
+            help="actuator, bdf, c, c-filter, fmu, mujoco, pybamm, simscape, or one that a package adds.",
             show_default=False,
         ),
     ],

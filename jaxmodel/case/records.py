@@ -339,8 +339,8 @@ class Case:
         """Return the model of the case in the format of another tool, and write it to a file if one is given.
 
         Args:
-            to: the format: "bdf", "c", "c-filter", "fmu", "mujoco", "pybamm" or "simscape", or the name of one that
-                another package adds (docs/how_to/export.md).
+            to: the format: "actuator", "bdf", "c", "c-filter", "fmu", "mujoco", "pybamm" or "simscape", or the name
+                of one that another package adds (docs/how_to/export.md).
             out: the file; the folder of a format that writes several.
             options: of the format, such as `precision="float32"` of "c".
 

@@ -23,6 +23,7 @@ from jaxmodel.case.records import Case
 GROUP = "jaxmodel.export"
 # Ours stand here too, so that they need no installed package.
 OWN = {
+    "actuator": "jaxmodel.export.actuator_settings:export_actuator",
     "bdf": "jaxmodel.export.bdf:export_bdf",
     "c": "jaxmodel.export.c_model:export_c",
     "c-filter": "jaxmodel.export.c_filter:export_c_filter",

@@ -78,12 +78,12 @@ def export_mujoco(case: Case, *, actuator: str = "dcmotor") -> Exported:
     p = {name: float(getattr(model.parameters, name)) for name in ("R_0", "k_tau", "L_a", "J", "tau_0", "R_wc", "T_0")}
     p |= {name: float(getattr(model.parameters, name)) for name in ("tau_wc", "psi_R")}
     native = actuator == "dcmotor"
-    parts = _parts(model, native)
+    parts = parts_of(model, native)
     viscous = sum(float(effect.b) for effect in model.effects if isinstance(effect, ViscousFriction))
     weight, loop, bent = parts.weight, parts.controller, parts.presliding
     bends = 0.0 if bent is None else float(bent.s) * p["tau_0"]
     gear = 1.0 if weight is None else float(weight.gear_ratio)
-    case_degC = _case_degC(case)
+    case_degC = case_degC_of(case)
     inertia = p["J"] + (0.0 if weight is None else float(weight.mass_kg) * (float(weight.arm_m) / gear) ** 2)
     rotor_s, electrical_s = inertia * p["R_0"] / p["k_tau"] ** 2, p["L_a"] / p["R_0"]
     left_out = _left_out(case, model, native, parts, case_degC)
@@ -137,7 +137,7 @@ def export_mujoco(case: Case, *, actuator: str = "dcmotor") -> Exported:
     return Exported(text, left_out)
 
 
-def _case_degC(case: Case) -> float:
+def case_degC_of(case: Case) -> float:
     """Return the mean temperature of the motor's case at the start of the runs."""
     rises = [float(case_model(case, run).parameters.initial_case_rise_K) for run in case.runs]
     ambients = [float(run.measured.inputs["ambient_degC"][0]) for run in case.runs]
@@ -151,7 +151,7 @@ def _first_position(case: Case) -> float:
     return float(starts[0].initial_position_rad) if starts else 0.0
 
 
-class _Parts(NamedTuple):
+class MotorParts(NamedTuple):
     """Effects that the file carries beside viscous friction."""
 
     weight: GravityLoad | None
@@ -159,13 +159,15 @@ class _Parts(NamedTuple):
     presliding: Presliding | None
 
 
-def _parts(model: Model, native: bool) -> _Parts:
+def parts_of(model: Model, native: bool) -> MotorParts:
+    """Return weight, controller of the voltage and presliding of a motor; the weight alone if not `native`."""
+
     def first(kind: type) -> Any:
         return next((effect for effect in model.effects if isinstance(effect, kind)), None)
 
     loop = first(PositionController) if native else None
     of_voltage = loop is not None and loop.column == "voltage_V"
-    return _Parts(first(GravityLoad), loop if of_voltage else None, first(Presliding) if native else None)
+    return MotorParts(first(GravityLoad), loop if of_voltage else None, first(Presliding) if native else None)
 
 
 def _of_controller(loop: PositionController, gear: float, k: float, R: float) -> dict[str, str]:
@@ -179,7 +181,7 @@ def _of_controller(loop: PositionController, gear: float, k: float, R: float) ->
     return {"input": "pos", "controller": _numbers(k_p * k / R, k_i * k / R, (k_d + k) * k / R, 0.0, largest, limit)}
 
 
-def _left_out(case: Case, model: Model, native: bool, parts: _Parts, case_degC: float) -> tuple[str, ...]:
+def _left_out(case: Case, model: Model, native: bool, parts: MotorParts, case_degC: float) -> tuple[str, ...]:
     kept = (ViscousFriction, ShaftPosition, *(type(part) for part in parts if part is not None))
     others = [effect.label for effect in model.effects if not isinstance(effect, kept) and "motor" in effect.kinds]
     others = [name for name in others if name not in {effect.label for effect in sensors_of(model)}]
