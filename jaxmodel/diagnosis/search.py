@@ -389,7 +389,8 @@ class Search(Comparison):
     def _exchanged(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
         """Return the model with an addition exchanged for another where that has more evidence, beside curves too.
 
-        What heats a cell shows little of it before an entropy curve has bent the temperature.
+        What heats a cell shows little of it before an entropy curve has bent the temperature. What is needed beside
+        curves is not exchanged for what is not: nothing would be named.
         """
         cache = self.cache
         for label in [one for one in model if one not in keep]:
@@ -406,7 +407,9 @@ class Search(Comparison):
                 beside = cache.fit(other.added, "beside", (label,)), cache.fit(model, "beside", (rival,))
                 if not self.is_exact(other) and not self.better(*beside, odds):
                     continue
-                if self._test(other, cache.fit(lacking), rival).plausible:
+                if not self._test(other, cache.fit(lacking), rival).plausible:
+                    continue
+                if self.final_test(other.added, rival).significant or not self.final_test(model, label).significant:
                     cache.report(f"replacing {label} by {rival}")
                     model = other.added
                     break

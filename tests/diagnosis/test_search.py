@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -203,3 +204,26 @@ def test_an_effect_is_exchanged_only_by_more_than_the_difference_of_the_odds():
     least = search.cache.settings.least_odds
     assert search.better(richer, before, min(gains) - least - 1.0)
     assert not search.better(richer, before, min(gains) - least + 1.0)
+
+
+@pytest.mark.parametrize(("rival_is_needed", "label_is_needed"), [(True, True), (False, True), (False, False)])
+def test_what_is_needed_beside_curves_is_not_exchanged_for_what_is_not(
+    rival_is_needed: bool, label_is_needed: bool, monkeypatch: pytest.MonkeyPatch, plain_small: Investigation
+):
+    """An energy of the kinetics does the work of that of a resistance, and curves of the energies do its own."""
+    search, label, rival = Search(plain_small.cache), "self_heating", "voltage_offset:voltage_V"
+    needed = {label: label_is_needed, rival: rival_is_needed}
+
+    def test(*given: Any) -> Any:
+        return dataclasses.replace(SIGNIFICANT, label=given[-1])
+
+    def final_test(model: Any, one: str) -> Any:
+        return dataclasses.replace(SIGNIFICANT, gain=50.0 if needed[one] else 0.0)
+
+    monkeypatch.setattr(search, "test", test)
+    monkeypatch.setattr(search, "_test", test)
+    monkeypatch.setattr(search, "final_test", final_test)
+    monkeypatch.setattr(search, "_in_place_of", lambda *_: ((), [rival]))
+    monkeypatch.setattr(search, "better", lambda *_: True)
+    exchanged = search._exchanged((label,), ())
+    assert exchanged == ((rival,) if rival_is_needed or not label_is_needed else (label,))
