@@ -181,9 +181,14 @@ class Comparison:
         """Hold an addition against the model without it, and against what else could stand for it.
 
         Where errors are left that no sensor makes, it must be needed beside an activation energy of each resistance, an
-        entropy curve and curves of friction and torque too, as far as these are not the addition itself.
+        entropy curve and curves of friction and torque too, as far as these are not the addition itself. It is material
+        if it reduces the error of the model, whether or not these reach about the same error: which of the two it is,
+        the evidence says.
         """
-        return self._test(*self.compared(model, label), label)
+        test = self._test(*self.compared(model, label), label)
+        if test.significant and not test.material:
+            return dataclasses.replace(test, material=self.test(model, label).material)
+        return test
 
     def compared(self, model: Sequence[str], label: str) -> tuple[Fit, Fit]:
         """Return the model with an addition and without it, as `final_test` holds them against each other."""
@@ -209,6 +214,8 @@ class Comparison:
             material = self._shifts(richer, before, candidate.runs)
         elif exact:
             material = True  # what is significant is all that there was to explain
+        elif candidate.is_sensor:
+            material = material and self._stands_out(richer, before)
         share = 1.0 if exact else self._share_of_bags(richer, before) if gained > odds else 0.0
         shown_by = candidate.effect.shown_by
         unseen = "" if exact or not shown_by or shown_by in self.cache.view.data.by_channel else shown_by
@@ -282,6 +289,16 @@ class Comparison:
                 if removed > (SEEN * data.sd[rows][0]) ** 2:
                     return True
         return False
+
+    def _stands_out(self, richer: Fit, before: Fit) -> bool:
+        """Return True if an addition removes more of a channel's error than the model misses of it beside noise.
+
+        A fault of a sensor that is smaller may as well be the model's.
+        """
+        after, earlier = richer.mean_squares(self.cache.view), before.mean_squares(self.cache.view)
+        return any(
+            earlier[name] - square > max(square - self.cache.noise[name].sd ** 2, 0.0) for name, square in after.items()
+        )
 
     def _is_material(self, name: str, before: float, after: float) -> bool:
         """Return True if a channel's mean square error falls by enough.
