@@ -22,8 +22,7 @@ LEAST_SD, FURTHEST = 2.0, 3.0
 FURTHEST_SD = 2.0
 # Errors up to so many times the noise, with so many readings for each independent one, are those of a sensor. Assumed.
 ABOVE_NOISE, WHITE = 1.15, 1.5
-# What is no effect removes this share of the noise at least, as a root mean square; a shift of one run in that run.
-# Assumed.
+# An addition removes this share of the noise at least, as a root mean square; a shift of one run in that run. Assumed.
 SEEN = 0.3
 # Pooled error of a channel that a name may add: a twentieth is within what weights and noise do. Assumed.
 NO_WORSE = 0.05
@@ -208,8 +207,7 @@ class Comparison:
         exact = self.is_exact(richer)
         if not exact:
             odds += self.cache.settings.odds_beside_model_error
-        # An offset of a tenth of the noise is no fault of a sensor; physics may be as small.
-        worse, material = self._errors(richer, before, 0.0 if candidate.group == "effect" else SEEN)
+        worse, material = self._errors(richer, before)
         if self.is_noise(richer) and candidate.runs:
             # A shift of one run must be seen in that run: of a model that is not quite the cell, some run is always a
             # little off. The same holds for a specimen.
@@ -263,11 +261,8 @@ class Comparison:
             found.append([log_evidence(gram, precision) for gram in one.linear.resampled(weights, shares)])
         return float(np.mean(np.greater(*found)))
 
-    def _errors(self, richer: Fit, before: Fit, seen: float) -> tuple[tuple[str, ...], bool]:
-        """Return the channels that a richer model makes worse, and whether it makes any better by enough.
-
-        `seen` is the least share of the noise that it removes.
-        """
+    def _errors(self, richer: Fit, before: Fit) -> tuple[tuple[str, ...], bool]:
+        """Return the channels that a richer model makes worse, and whether it makes any better by enough."""
         cache, settings = self.cache, self.cache.settings
         after, earlier = richer.mean_squares(cache.view), before.mean_squares(cache.view)
         left_out = [one.linear.left_out(richer.likelihood, one.spec.precision) for one in (richer, before)]
@@ -280,7 +275,7 @@ class Comparison:
                 worse.append(name)
             if left_out[0][name] > (1.0 + settings.largest_increase) * left_out[1][name] and left_out[0][name] > floor:
                 worse.append(name)
-            material |= self._is_material(name, earlier[name], after[name], seen)
+            material |= self._is_material(name, earlier[name], after[name])
         # One channel may pay for another: where a cell warms in the model too, its resistances change.
         together = np.prod([max(after[name], 1e-300) / max(earlier[name], 1e-300) for name in after])
         return (tuple(dict.fromkeys(worse)) if together > PAID_FOR else ()), material
@@ -305,19 +300,19 @@ class Comparison:
             earlier[name] - square > max(square - self.cache.noise[name].sd ** 2, 0.0) for name, square in after.items()
         )
 
-    def _is_material(self, name: str, before: float, after: float, seen: float = SEEN) -> bool:
+    def _is_material(self, name: str, before: float, after: float) -> bool:
         """Return True if a channel's mean square error falls by enough.
 
         Enough is a tenth of a stated tolerance, as the root of what is removed, or without one a share of what is above
-        the noise, and `seen` of the noise itself. Where all is explained but noise, what is significant is all there
-        was to explain.
+        the noise, and of the noise itself: an offset of a tenth of it is no fault of a sensor. Where all is explained
+        but noise, what is significant is all there was to explain.
         """
         cache, settings = self.cache, self.cache.settings
         removed = max(before - after, 0.0)
         if name in cache.case.tolerance:
             return removed >= (settings.material_share * cache.case.tolerance[name].rms) ** 2
         noise = cache.noise[name].sd ** 2
-        return removed >= max(settings.least_share * (before - min(noise, after)), seen**2 * noise) > 0.0
+        return removed >= max(settings.least_share * (before - min(noise, after)), SEEN**2 * noise) > 0.0
 
     def _size_sd(self, fit: Fit, candidate: Candidate) -> float:
         """Return the size of an addition in its sd."""
