@@ -41,6 +41,7 @@ class Evidence:
         unknown: accepted laws and curves that belong to no effect and no table, in words.
         channels: by name.
         extrapolates: a check run is outside the conditions of the fit runs.
+        kinetics: those of both that every cell has: a model without them is not what a faulty sensor needs.
     """
 
     named: tuple[str, ...]
@@ -49,6 +50,7 @@ class Evidence:
     unknown: tuple[str, ...]
     channels: dict[str, ChannelEvidence]
     extrapolates: bool
+    kinetics: frozenset[str] = frozenset()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +71,7 @@ RULES = {
         "model's error, on fit runs and on check runs",
     ),
     "named": ("missing_effect", "an effect other than a sensor fault is named"),
-    "fault": ("sensor_fault", "a sensor fault is named"),
+    "fault": ("sensor_fault", "a sensor fault is named, and besides at most kinetics, which every cell has"),
     "open": ("undecided", "the final model contains effects of which none may be named, and its base is not adequate"),
     "held out": ("undecided", "the error on check runs is far above that on fit runs, and above the tolerance"),
     "adequate": ("adequate", "none of the rules above applies"),
@@ -92,7 +94,9 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
             f"{' and '.join(described)}; no effect, curve or law that was tried explains it on left-out data",
         )
     if evidence.named:
-        return _decision("fault" if set(evidence.named) <= evidence.sensors else "named", None)
+        named = set(evidence.named)
+        is_fault = bool(named & evidence.sensors) and named <= evidence.sensors | evidence.kinetics
+        return _decision("fault" if is_fault else "named", None)
     if evidence.possible and not all(_within(one) for one in evidence.channels.values()):
         return _decision("open", None)
     failing = [name for name, one in evidence.channels.items() if _fails_held_out(one, settings)]

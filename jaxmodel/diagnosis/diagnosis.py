@@ -43,7 +43,7 @@ from jaxmodel.diagnosis.result import (
     Sensor,
 )
 from jaxmodel.diagnosis.rungs import AdjustedStarts, errors_by_run, nominal, residuals_of, rung, with_adjusted_starts
-from jaxmodel.diagnosis.search import Found, Search
+from jaxmodel.diagnosis.search import KINETICS, Found, Search
 from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
 from jaxmodel.diagnosis.wording import effect_name
 from jaxmodel.effects.curves import CURVES
@@ -194,6 +194,7 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
             named=tuple(named),
             possible=tuple(label for label in order if label not in named),
             sensors=frozenset(label for label in order if groups[label] == "sensor"),
+            kinetics=frozenset(order) & frozenset(KINETICS),
             unknown=() if explained else tuple(unknown_sentence(curve) for curve in unstated),
             channels=channels,
             extrapolates=bool(extrapolated),

@@ -79,13 +79,22 @@ def verdict_sentence(diagnosis: Diagnosis, *, plain: bool = False) -> str:
 
 
 def _verdict(diagnosis: Diagnosis, plain: bool) -> str:
-    named = join([effect_name(one.label) if plain else _with_probability(one) for one in diagnosis.effects])
+    named = _names(diagnosis.effects, plain)
+    if diagnosis.verdict == "sensor_fault":
+        catalogue = diagnosis.case.catalogue
+        faults = [one for one in diagnosis.effects if one.name not in catalogue or catalogue[one.name].is_sensor]
+        others = [one for one in diagnosis.effects if one not in faults]
+        named = _names(faults, plain) + (f", beside {_names(others, plain)}, which every cell has" if others else "")
     model = "model" if plain else "base model"
     doubt = "" if not diagnosis.effects or is_established(diagnosis) else "not established: "
     found = _found(diagnosis, named, doubt, model)
     if _is_below_tolerance(diagnosis):
         return f"The calibrated {model} is adequate{_for_limits(diagnosis)}; below that, {found}"
     return _capital(found)
+
+
+def _names(effects: Sequence[NamedEffect], plain: bool) -> str:
+    return join([effect_name(one.label) if plain else _with_probability(one) for one in effects])
 
 
 def _found(diagnosis: Diagnosis, named: str, doubt: str, model: str) -> str:

@@ -17,7 +17,7 @@ FAILING = dataclasses.replace(WELL, check=3.0, tolerance=1.0)
 NOTHING = Evidence(
     named=(), possible=(), sensors=frozenset(), unknown=(), channels={"voltage_V": WELL}, extrapolates=False
 )
-OFFSET = "voltage_offset:voltage_V"
+OFFSET, KIN = "voltage_offset:voltage_V", "charge_transfer"
 
 
 def evidence(**changes) -> Evidence:
@@ -33,6 +33,8 @@ def evidence(**changes) -> Evidence:
         (evidence(named=("self_heating", OFFSET), sensors=frozenset({OFFSET})), "named"),
         (evidence(named=(OFFSET,), sensors=frozenset({OFFSET})), "fault"),
         (evidence(named=(OFFSET,), possible=("self_heating",), sensors=frozenset({OFFSET})), "fault"),
+        (evidence(named=(OFFSET, KIN), sensors=frozenset({OFFSET}), kinetics=frozenset({KIN})), "fault"),
+        (evidence(named=(KIN,), kinetics=frozenset({KIN})), "named"),
         (evidence(possible=("self_heating",)), "open"),
         (evidence(channels={"voltage_V": FAILING}), "held out"),
         (NOTHING, "adequate"),

@@ -70,6 +70,14 @@ def test_effect_that_nothing_speaks_against_is_sure(certain: Diagnosis) -> None:
     assert headline(certain).next_step.what is Next.NOTHING
 
 
+def test_kinetics_beside_a_fault_are_no_fault(certain: Diagnosis) -> None:
+    fault = dataclasses.replace(certain.effects[0], label="voltage_offset:voltage_V", name="voltage_offset")
+    kinetics = dataclasses.replace(certain.effects[0], label="charge_transfer", name="charge_transfer")
+    both = dataclasses.replace(certain, verdict="sensor_fault", effects=(fault, kinetics))
+    said = "a sensor is faulty: voltage_offset of voltage_V, beside charge_transfer, which every cell has"
+    assert said in verdict_sentence(both, plain=True)
+
+
 def test_what_is_found_below_the_tolerances_comes_second(certain: Diagnosis) -> None:
     within = dataclasses.replace(certain, tolerance=GENEROUS)
     first = "The calibrated model is adequate for 100 V of voltage and 100 K of cell temperature; below that, "
