@@ -130,7 +130,8 @@ A command ends with a verdict, or it stops with one sentence before the diagnosi
 person or a further measurement can give, and the sentence says what that is.
 
 Errors are root mean squares on the check runs, which are never fitted; "fit" where there is no check run. "Before" is
-the calibrated base model, "after" the model of the verdict. Times are wall times, two commands at a time on two cores, beside another measurement.
+the calibrated base model, "after" the model of the verdict. Times are wall times, two commands at a time on two
+cores, beside another measurement.
 
 {_table(head, rows)}{_missing(kept)}
 `python -m benchmarks.public_logs` makes the table from `docs/public_logs.toml`.
