@@ -50,7 +50,8 @@ def test_draws_have_the_sd_of_the_tables_and_the_correlations_of_the_fit(
     sd = np.sqrt(np.diag(covariance))
     expected = covariance / np.outer(sd, sd)
     assert np.abs(np.corrcoef(x.T) - expected).max() < 4.0 / np.sqrt(DRAWS)
-    assert np.abs(expected - np.eye(len(sd))).max() > 0.4  # there is one to be kept
+    # One is far beyond what so few draws scatter, so that a draw without correlations would fail.
+    assert np.abs(expected - np.eye(len(sd))).max() > 6.0 / np.sqrt(DRAWS)
     for name in table.index:
         assert tree["posterior"][name].attrs["units"] == table.loc[name, "unit"]
         assert tree["posterior"][name].attrs["sd_of_fit"] == table.loc[name, "sd"]
