@@ -28,6 +28,7 @@ from jaxmodel.diagnosis.wording import (
     amount,
     candidate_name,
     effect_name,
+    going_on,
     join,
     most_probable,
     number,
@@ -69,9 +70,9 @@ def _missing(diagnosis: Diagnosis) -> str:
     catalogue = diagnosis.case.catalogue
     physics = {one.label: physics_of(catalogue[one.name]) for one in diagnosis.effects if one.name in catalogue}
     if len(physics) == 1 and diagnosis.verdict == "missing_effect" and not diagnosis.unexplained:
-        said = [f"{said[0].rstrip('.')}: {_small(*physics.values())}"]
+        said = [f"{said[0].rstrip('.')}: {going_on(*physics.values())}"]
     else:
-        said += [f"{effect_name(label)}: {_small(sentence)}" for label, sentence in physics.items()]
+        said += [f"{effect_name(label)}: {going_on(sentence)}" for label, sentence in physics.items()]
     tables = [curve.relation for curve in diagnosis.curves if curve.stated]
     if tables:
         which = join(tables) if len(tables) <= _MOST else f"{len(tables)} tables of the case"
@@ -81,11 +82,6 @@ def _missing(diagnosis: Diagnosis) -> str:
         rest = len(diagnosis.runs) - _MOST
         said.append(f"Single runs differ: {join([*runs, *([f'{rest} more'] if rest > 0 else [])])}.")
     return " ".join(said)
-
-
-def _small(sentence: str) -> str:
-    """Return a sentence that goes on after a colon."""
-    return sentence[:1].lower() + sentence[1:] if sentence[1:2].islower() or sentence[1:2] == " " else sentence
 
 
 def _sure(diagnosis: Diagnosis, decided: Headline) -> str:

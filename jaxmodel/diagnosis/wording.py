@@ -61,7 +61,7 @@ def verdict_title(diagnosis: Diagnosis) -> str:
     title = VERDICT_TITLES[diagnosis.verdict]
     if diagnosis.verdict in ("missing_effect", "sensor_fault") and not is_established(diagnosis):
         title = "An effect may be missing" if diagnosis.verdict == "missing_effect" else "A sensor may be faulty"
-    return f"Within tolerance; below it, {_small(title)}" if _is_below_tolerance(diagnosis) else title
+    return f"Within tolerance; below it, {going_on(title)}" if _is_below_tolerance(diagnosis) else title
 
 
 def is_established(diagnosis: Diagnosis) -> bool:
@@ -130,8 +130,9 @@ def _capital(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def _small(text: str) -> str:
-    return f"{text[:1].lower()}{text[1:]}"
+def going_on(sentence: str) -> str:
+    """Return a sentence that goes on after a colon or a comma: without its capital, but for an abbreviation."""
+    return sentence[:1].lower() + sentence[1:] if sentence[1:2].islower() or sentence[1:2] == " " else sentence
 
 
 def _is_good_enough(diagnosis: Diagnosis) -> bool:

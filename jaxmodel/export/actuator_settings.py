@@ -15,15 +15,12 @@ from typing import Any
 import numpy as np
 
 from jaxmodel.base.errors import ParameterError, instead
-from jaxmodel.case.build import case_model
 from jaxmodel.case.exported import Exported
 from jaxmodel.case.records import Case
-from jaxmodel.effects.controllers import NO_LIMIT, ShaftPosition
-from jaxmodel.effects.drive import CommandDelay, ViscousFriction
-from jaxmodel.export.mujoco_actuator import MotorParts, case_degC_of, parts_of
-from jaxmodel.export.wording import heading, ideal_readings, own_values_of_runs
-from jaxmodel.model.electrothermal import Model
-from jaxmodel.model.sensors import sensors_of
+from jaxmodel.effects.controllers import NO_LIMIT
+from jaxmodel.effects.drive import CommandDelay
+from jaxmodel.export.one_motor import OneMotor, one_motor
+from jaxmodel.export.wording import heading
 
 # Import, class, and the library's names for joints and for dry friction.
 LIBRARIES = {
@@ -47,18 +44,14 @@ def export_actuator(
     Raises:
         ParameterError: the case is of a cell, there is no such library, or no voltage is known.
     """
-    if case.kind == "cell":
-        raise ParameterError(f"{case.label}: it is of a cell, and this format is of a motor; give a case of a motor.")
+    motor = one_motor(case)
     if library not in LIBRARIES:
         raise ParameterError(f"There is no library '{library}' to write settings for.{instead(library, LIBRARIES)}")
     module, name, of_joints, of_friction = LIBRARIES[library]
-    model = case_model(case)
-    p, parts, case_degC = model.parameters, parts_of(model, native=True), case_degC_of(case)
-    gear = 1.0 if parts.weight is None else float(parts.weight.gear_ratio)
-    highest_V = _voltage(case, parts.controller, voltage_V)
-    k = float(p.k_tau)
-    R = float(p.R_0) * (1.0 + float(p.psi_R) * (case_degC - float(p.T_0)))
-    viscous = sum(float(effect.b) for effect in model.effects if isinstance(effect, ViscousFriction))
+    motor = motor._replace(presliding=None)  # neither library has it
+    p, gear, loop = motor.model.parameters, motor.gear, motor.controller
+    highest_V = _voltage(case, loop, voltage_V)
+    k, R = float(p.k_tau), motor.resistance_ohm
     stall = gear * k * highest_V / R
     settings: dict[str, Any] = {
         of_joints: [joints] if library == "isaaclab" else (joints,),
@@ -70,10 +63,10 @@ def export_actuator(
         "armature": gear**2 * float(p.J),
         of_friction: gear * float(p.tau_0),
     }
-    if parts.controller is not None:
-        settings["stiffness"] = gear * k * float(parts.controller.k_p) / R
-        settings["damping"] = gear**2 * (k * (float(parts.controller.k_d) + k) / R + viscous)
-    left_out = _left_out(case, model, parts, case_degC, highest_V, viscous)
+    if loop is not None:
+        settings["stiffness"] = gear * k * float(loop.k_p) / R
+        settings["damping"] = gear**2 * (k * (float(loop.k_d) + k) / R + motor.viscous)
+    left_out = _left_out(case, motor, highest_V)
     lines = [f"# {line}".rstrip() for line in heading(case, "One motor", left_out)]
     lines += ["", f"from {module} import {name}", "", f"MOTOR = {name}("]
     lines += [
@@ -104,37 +97,27 @@ def _voltage(case: Case, controller: Any, stated: float | str) -> float:
     return found
 
 
-def _left_out(
-    case: Case, model: Model, parts: MotorParts, case_degC: float, highest_V: float, viscous: float
-) -> tuple[str, ...]:
-    carried: tuple[type, ...] = (ViscousFriction, ShaftPosition, CommandDelay)
-    carried = (*carried, *(type(one) for one in (parts.weight, parts.controller) if one is not None))
-    sensors = {effect.label for effect in sensors_of(model)}
-    others = [one.label for one in model.effects if "motor" in one.kinds and not isinstance(one, carried)]
+def _left_out(case: Case, motor: OneMotor, highest_V: float) -> tuple[str, ...]:
     said = [
-        f"Torque over speed is that at {highest_V:.4g} V of the bridge and {case_degC:.4g} degC of the motor, the mean "
-        "of its case at the start of the runs: inductance and heat are left out.",
+        f"Torque over speed is that at {highest_V:.4g} V of the bridge and {motor.case_degC:.4g} degC of the motor, "
+        "the mean of its case at the start of the runs: inductance and heat are left out.",
         "The effort limit is twice the torque at standstill, with which a motor brakes that is reversed at full speed: "
         "set it lower if current or heat allow less.",
     ]
-    if parts.controller is None:
+    if motor.controller is None:
         said.append(
             "The case has no controller of a position by the voltage: commands are torques, and the gains are 0."
         )
-        if viscous:
-            said.append(f"The viscous friction of the case, {viscous:.4g} N m s/rad at the shaft, is left out.")
-    elif float(parts.controller.k_i):
-        said.append(f"The integral gain of the controller, {float(parts.controller.k_i):.4g} V/(rad s), is left out.")
-    if parts.weight is not None:
+        if motor.viscous:
+            said.append(f"The viscous friction of the case, {motor.viscous:.4g} N m s/rad at the shaft, is left out.")
+    elif float(motor.controller.k_i):
+        said.append(f"The integral gain of the controller, {float(motor.controller.k_i):.4g} V/(rad s), is left out.")
+    if motor.weight is not None:
         said.append("The weight on the arm is a matter of the robot's own file.")
-    for effect in model.effects:
+    for effect in motor.model.effects:
         if isinstance(effect, CommandDelay):
             said.append(
                 f"The command comes late by a lag of {1e3 * float(effect.tau):.3g} ms: delay it by as many steps "
                 "(DelayedPDActuatorCfg of Isaac Lab, DelayedActuatorCfg of mjlab)."
             )
-    if others := [name for name in others if name not in sensors]:
-        said.append(f"The actuator is without {', '.join(others)} of the case.")
-    if case.kind == "robot":
-        said.append("It is one motor of a robot: pack, duty, slope, gear and electronics are left out.")
-    return (*said, *own_values_of_runs(case), *ideal_readings(model))
+    return (*said, *motor.without([CommandDelay]), *motor.of_its_case(case))

@@ -7,7 +7,6 @@ body, and a position controller of the voltage that of the dcmotor: a servo.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -17,13 +16,10 @@ from jaxmodel.case.build import case_model
 from jaxmodel.case.exported import Exported
 from jaxmodel.case.records import Case
 from jaxmodel.effects.controllers import NO_LIMIT, PositionController, ShaftPosition
-from jaxmodel.effects.drive import ViscousFriction
 from jaxmodel.effects.loads import GravityLoad
-from jaxmodel.effects.motion import Presliding
-from jaxmodel.export.wording import heading, ideal_readings, own_values_of_runs
-from jaxmodel.model.electrothermal import Model
+from jaxmodel.export.one_motor import OneMotor, one_motor
+from jaxmodel.export.wording import heading
 from jaxmodel.model.robot import GRAVITY_M_S2
-from jaxmodel.model.sensors import sensors_of
 
 ACTUATORS = ("dcmotor", "general")
 # Of the rotor's inertia, what is the body's; the rest is armature, which a gear multiplies by its square.
@@ -70,23 +66,19 @@ def export_mujoco(case: Case, *, actuator: str = "dcmotor") -> Exported:
     Raises:
         ParameterError: the case is of a cell, or there is no such actuator.
     """
-    if case.kind == "cell":
-        raise ParameterError(f"{case.label}: it is of a cell, and this format is of a motor; give a case of a motor.")
+    motor = one_motor(case)
     if actuator not in ACTUATORS:
         raise ParameterError(f"The actuator '{actuator}' is not one of {' and '.join(ACTUATORS)}.")
-    model = case_model(case)
-    p = {name: float(getattr(model.parameters, name)) for name in ("R_0", "k_tau", "L_a", "J", "tau_0", "R_wc", "T_0")}
-    p |= {name: float(getattr(model.parameters, name)) for name in ("tau_wc", "psi_R")}
+    names = ("R_0", "k_tau", "L_a", "J", "tau_0", "R_wc", "T_0", "tau_wc", "psi_R")
+    p = {name: float(getattr(motor.model.parameters, name)) for name in names}
     native = actuator == "dcmotor"
-    parts = parts_of(model, native)
-    viscous = sum(float(effect.b) for effect in model.effects if isinstance(effect, ViscousFriction))
-    weight, loop, bent = parts.weight, parts.controller, parts.presliding
+    if not native:
+        motor = motor._replace(controller=None, presliding=None)
+    weight, loop, bent, gear = motor.weight, motor.controller, motor.presliding, motor.gear
     bends = 0.0 if bent is None else float(bent.s) * p["tau_0"]
-    gear = 1.0 if weight is None else float(weight.gear_ratio)
-    case_degC = case_degC_of(case)
     inertia = p["J"] + (0.0 if weight is None else float(weight.mass_kg) * (float(weight.arm_m) / gear) ** 2)
     rotor_s, electrical_s = inertia * p["R_0"] / p["k_tau"] ** 2, p["L_a"] / p["R_0"]
-    left_out = _left_out(case, model, native, parts, case_degC)
+    left_out = _left_out(case, motor, native)
     if native and electrical_s < _LEAST_L_R * rotor_s:
         left_out = (
             f"The inductance is left out: the winding takes {1e3 * electrical_s:.2g} ms, the rotor "
@@ -99,10 +91,10 @@ def export_mujoco(case: Case, *, actuator: str = "dcmotor") -> Exported:
     attributes = {"name": "motor", "joint": "shaft", "armature": _number(p["J"] * (1.0 - _SHARE_OF_BODY))}
     if gear != 1.0:
         attributes["gear"] = _number(gear)
-    if viscous:
-        attributes["damping"] = _number(viscous)
+    if motor.viscous:
+        attributes["damping"] = _number(motor.viscous)
     if native:
-        thermal = (p["R_wc"], p["tau_wc"] / p["R_wc"], 0.0, p["psi_R"], p["T_0"], case_degC)
+        thermal = (p["R_wc"], p["tau_wc"] / p["R_wc"], 0.0, p["psi_R"], p["T_0"], motor.case_degC)
         attributes |= {
             "motorconst": _numbers(p["k_tau"], p["k_tau"]),
             "resistance": _number(p["R_0"]),
@@ -111,7 +103,7 @@ def export_mujoco(case: Case, *, actuator: str = "dcmotor") -> Exported:
         if np.isfinite(electrical_s):
             attributes["inductance"] = _numbers(p["L_a"], 0.0)
     else:
-        gain = p["k_tau"] / (p["R_0"] * (1.0 + p["psi_R"] * (case_degC - p["T_0"])))
+        gain = p["k_tau"] / motor.resistance_ohm
         attributes |= {"gainprm": _number(gain), "biastype": "affine"}
         attributes["biasprm"] = _numbers(0.0, 0.0, -gain * p["k_tau"])
     if bent is not None:
@@ -137,37 +129,11 @@ def export_mujoco(case: Case, *, actuator: str = "dcmotor") -> Exported:
     return Exported(text, left_out)
 
 
-def case_degC_of(case: Case) -> float:
-    """Return the mean temperature of the motor's case at the start of the runs."""
-    rises = [float(case_model(case, run).parameters.initial_case_rise_K) for run in case.runs]
-    ambients = [float(run.measured.inputs["ambient_degC"][0]) for run in case.runs]
-    return float(np.mean(np.add(rises, ambients)))
-
-
 def _first_position(case: Case) -> float:
     """Return where the joint is at the start of the first run."""
     effects = case_model(case, case.runs[0]).effects
     starts = [effect for effect in effects if isinstance(effect, GravityLoad | ShaftPosition)]
     return float(starts[0].initial_position_rad) if starts else 0.0
-
-
-class MotorParts(NamedTuple):
-    """Effects that the file carries beside viscous friction."""
-
-    weight: GravityLoad | None
-    controller: PositionController | None
-    presliding: Presliding | None
-
-
-def parts_of(model: Model, native: bool) -> MotorParts:
-    """Return weight, controller of the voltage and presliding of a motor; the weight alone if not `native`."""
-
-    def first(kind: type) -> Any:
-        return next((effect for effect in model.effects if isinstance(effect, kind)), None)
-
-    loop = first(PositionController) if native else None
-    of_voltage = loop is not None and loop.column == "voltage_V"
-    return MotorParts(first(GravityLoad), loop if of_voltage else None, first(Presliding) if native else None)
 
 
 def _of_controller(loop: PositionController, gear: float, k: float, R: float) -> dict[str, str]:
@@ -181,31 +147,24 @@ def _of_controller(loop: PositionController, gear: float, k: float, R: float) ->
     return {"input": "pos", "controller": _numbers(k_p * k / R, k_i * k / R, (k_d + k) * k / R, 0.0, largest, limit)}
 
 
-def _left_out(case: Case, model: Model, native: bool, parts: MotorParts, case_degC: float) -> tuple[str, ...]:
-    kept = (ViscousFriction, ShaftPosition, *(type(part) for part in parts if part is not None))
-    others = [effect.label for effect in model.effects if not isinstance(effect, kept) and "motor" in effect.kinds]
-    others = [name for name in others if name not in {effect.label for effect in sensors_of(model)}]
-    said = []
-    if others:
-        said.append(f"The actuator is without {', '.join(others)} of the case.")
+def _left_out(case: Case, motor: OneMotor, native: bool) -> tuple[str, ...]:
+    said = list(motor.without())
     if native:
         said.append(
-            f"The winding warms by i^2 R over a case that stays at {case_degC:.4g} degC, its mean at the start of the "
-            "runs: the second stage, from the case to the ambient, the heat of friction, and psi_L are left out."
+            f"The winding warms by i^2 R over a case that stays at {motor.case_degC:.4g} degC, its mean at the start "
+            "of the runs: the second stage, from the case to the ambient, the heat of friction, and psi_L are left out."
         )
     else:
         said.append(
             "The general actuator has neither inductance nor heat: its resistance is that at "
-            f"{case_degC:.4g} degC, the mean of the motor's case at the start of the runs."
+            f"{motor.case_degC:.4g} degC, the mean of the motor's case at the start of the runs."
         )
-    if parts.controller is not None and float(parts.controller.k_i):
+    if motor.controller is not None and float(motor.controller.k_i):
         said.append("The integral of the controller is held to its limit; in the case it stands still at the limit.")
-    if parts.weight is not None and float(parts.weight.gear_ratio) != 1.0 and parts.controller is not None:
+    if motor.gear != 1.0 and motor.controller is not None:
         said.append("The reference is that of the motor: that of the arm times the ratio of the gear.")
     said.append("MuJoCo's dry friction is soft: a rotor held by it creeps, and a step is short enough to hold it well.")
-    if case.kind == "robot":
-        said.append("It is one motor of a robot: pack, duty, slope, gear and electronics are left out.")
-    return (*said, *own_values_of_runs(case), *ideal_readings(model))
+    return (*said, *motor.of_its_case(case))
 
 
 def _rounded_down(step_s: float) -> float:

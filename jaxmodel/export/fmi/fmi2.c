@@ -157,21 +157,14 @@ EXPORTED fmi2Status FMI(fmi2SetString)(fmi2Component c, const fmi2ValueReference
     return none(c, count);
 }
 
-EXPORTED fmi2Status FMI(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state)
-{
-    *state = stored(c, *state);
-    return told(c, *state != NULL || wrong(c, "There is no memory for the state."));
-}
+EXPORTED fmi2Status FMI(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state) { return told(c, store(c, state)); }
 
 EXPORTED fmi2Status FMI(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state) { return told(c, restore(c, state)); }
 
 EXPORTED fmi2Status FMI(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state)
 {
     (void)c;
-    if (state != NULL) {
-        free(*state);
-        *state = NULL;
-    }
+    release(state);
     return fmi2OK;
 }
 
@@ -184,20 +177,13 @@ EXPORTED fmi2Status FMI(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstat
 
 EXPORTED fmi2Status FMI(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    if (size < sizeof(Snapshot)) { return told(c, wrong(c, "There is no room for the bytes of the state.")); }
-    memcpy(bytes, state, sizeof(Snapshot));
-    return fmi2OK;
+    return told(c, serialize(c, state, bytes, size));
 }
 
 EXPORTED fmi2Status FMI(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                                  fmi2FMUstate *state)
 {
-    if (size < sizeof(Snapshot) || memcmp(bytes, MODEL_TOKEN, sizeof MODEL_TOKEN) != 0) {
-        return told(c, wrong(c, "The bytes are not those of a state of this model."));
-    }
-    const fmi2Status status = FMI(fmi2GetFMUstate)(c, state);
-    if (status == fmi2OK) { memcpy(*state, bytes, sizeof(Snapshot)); }
-    return status;
+    return told(c, deserialize(c, bytes, size, state));
 }
 
 EXPORTED fmi2Status FMI(fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueReference unknowns[],

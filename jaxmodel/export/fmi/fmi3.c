@@ -214,21 +214,14 @@ EXPORTED fmi3Status FMI(fmi3GetVariableDependencies)(fmi3Instance c, fmi3ValueRe
     return none(c, 1);
 }
 
-EXPORTED fmi3Status FMI(fmi3GetFMUState)(fmi3Instance c, fmi3FMUState *state)
-{
-    *state = stored(c, *state);
-    return told(c, *state != NULL || wrong(c, "There is no memory for the state."));
-}
+EXPORTED fmi3Status FMI(fmi3GetFMUState)(fmi3Instance c, fmi3FMUState *state) { return told(c, store(c, state)); }
 
 EXPORTED fmi3Status FMI(fmi3SetFMUState)(fmi3Instance c, fmi3FMUState state) { return told(c, restore(c, state)); }
 
 EXPORTED fmi3Status FMI(fmi3FreeFMUState)(fmi3Instance c, fmi3FMUState *state)
 {
     (void)c;
-    if (state != NULL) {
-        free(*state);
-        *state = NULL;
-    }
+    release(state);
     return fmi3OK;
 }
 
@@ -241,20 +234,13 @@ EXPORTED fmi3Status FMI(fmi3SerializedFMUStateSize)(fmi3Instance c, fmi3FMUState
 
 EXPORTED fmi3Status FMI(fmi3SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
-    if (size < sizeof(Snapshot)) { return told(c, wrong(c, "There is no room for the bytes of the state.")); }
-    memcpy(bytes, state, sizeof(Snapshot));
-    return fmi3OK;
+    return told(c, serialize(c, state, bytes, size));
 }
 
 EXPORTED fmi3Status FMI(fmi3DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size,
                                                  fmi3FMUState *state)
 {
-    if (size < sizeof(Snapshot) || memcmp(bytes, MODEL_TOKEN, sizeof MODEL_TOKEN) != 0) {
-        return told(c, wrong(c, "The bytes are not those of a state of this model."));
-    }
-    const fmi3Status status = FMI(fmi3GetFMUState)(c, state);
-    if (status == fmi3OK) { memcpy(*state, bytes, sizeof(Snapshot)); }
-    return status;
+    return told(c, deserialize(c, bytes, size, state));
 }
 
 #define NO_DERIVATIVE(Name)                                                                                      \

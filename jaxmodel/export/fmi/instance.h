@@ -220,11 +220,12 @@ static bool do_step(Instance *instance, double time_s, double span_s)
     return true;
 }
 
-static Snapshot *stored(const Instance *instance, Snapshot *into)
+static bool store(Instance *instance, void **state)
 {
-    Snapshot *copy = into == NULL ? calloc(1, sizeof *copy) : into;
-    if (copy != NULL) { memcpy(copy, &instance->now, sizeof *copy); }
-    return copy;
+    if (*state == NULL) { *state = calloc(1, sizeof(Snapshot)); }
+    if (*state == NULL) { return wrong(instance, "There is no memory for the state."); }
+    memcpy(*state, &instance->now, sizeof(Snapshot));
+    return true;
 }
 
 static bool restore(Instance *instance, const Snapshot *snapshot)
@@ -233,5 +234,29 @@ static bool restore(Instance *instance, const Snapshot *snapshot)
         return wrong(instance, "The state is not one of this model.");
     }
     memcpy(&instance->now, snapshot, sizeof *snapshot);
+    return true;
+}
+
+static void release(void **state)
+{
+    if (state == NULL) { return; }
+    free(*state);
+    *state = NULL;
+}
+
+static bool serialize(Instance *instance, const void *state, void *bytes, size_t size)
+{
+    if (size < sizeof(Snapshot)) { return wrong(instance, "There is no room for the bytes of the state."); }
+    memcpy(bytes, state, sizeof(Snapshot));
+    return true;
+}
+
+static bool deserialize(Instance *instance, const void *bytes, size_t size, void **state)
+{
+    if (size < sizeof(Snapshot) || memcmp(bytes, MODEL_TOKEN, sizeof MODEL_TOKEN) != 0) {
+        return wrong(instance, "The bytes are not those of a state of this model.");
+    }
+    if (!store(instance, state)) { return false; }
+    memcpy(*state, bytes, sizeof(Snapshot));
     return true;
 }
