@@ -124,7 +124,7 @@ def of_fmu() -> None:
         differences[f"FMI {fmi}.0 less jaxmodel"] = 1e12 * (readings["speed_rad_s"] - ours["speed_rad_s"])
         for name, values in readings.items():
             print(f"FMI {fmi}.0: {name} {np.abs(values - ours[name]).max() / np.abs(ours[name]).max():.2g}")
-    two(time_s, lines, differences, ("speed of the motors (rad/s)", "difference (1e-12 rad/s)")).savefig(
+    two(time_s, lines, differences, ("speed of the motors (rad/s)", "difference\n(1e-12 rad/s)")).savefig(
         HERE / "fmu.png"
     )
 
