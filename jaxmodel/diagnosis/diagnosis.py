@@ -317,10 +317,10 @@ def _probability(found: Found, label: str, most: float, *, forced: bool) -> floa
 
 
 def _not_told_apart(cache: FitCache, found: Found, label: str) -> tuple[str, ...]:
-    """Return the names of effects that explain the readings as well in the place of one."""
+    """Return the names of effects that explain the readings as well in the place of one; of a shift with its run."""
     rest = set(found.final.added) - {label}
-    others = [next(iter(set(model) - rest)) for model in found.rivals.get(label, ())]
-    return tuple(dict.fromkeys(cache.space.candidates[one].name for one in others))
+    others = [cache.space.candidates[next(iter(set(model) - rest))] for model in found.rivals.get(label, ())]
+    return tuple(dict.fromkeys(one.label if one.group == "run" else one.name for one in others))
 
 
 def _name(cache: FitCache, labels: Sequence[str]) -> str:

@@ -38,6 +38,8 @@ FAR_LESS = 0.5
 NOT_TOLD = 3.0
 # What is fitted in the place of an addition, the best by score. Assumed.
 MOST_IN_PLACE = 2
+# Groups of which one may stand in the place of another.
+ALIKE = ("effect", "sensor", "specimen")
 # Effects that are tried with another beside them, where none alone has enough evidence. Assumed.
 MOST_TOGETHER = 2
 
@@ -199,7 +201,8 @@ class Search(Comparison):
         if not columns:
             return []
         gains = cache.scores(model).in_place_of(columns, fit)
-        likely = [label for label in gains if _alike(cache, label) and self.may_enter(model, label)]
+        alike = [label for label in gains if cache.space.candidates[label].group in ALIKE]
+        likely = [label for label in alike if self.may_enter(model, label)]
         likely = [label for label in likely if gains[label] > self.odds_of(cache.space.candidates[label])]
         return sorted(likely, key=lambda label: -gains[label])[: cache.settings.refitted_effects]
 
@@ -367,8 +370,10 @@ class Search(Comparison):
             model = tuple(label for label in model if label != needless)
         return model
 
-    def _in_place_of(self, model: tuple[str, ...], label: str) -> tuple[tuple[str, ...], list[str]]:
-        """Return a model without an addition, and the best effects and faults that could do its work.
+    def _in_place_of(
+        self, model: tuple[str, ...], label: str, groups: Collection[str] = ALIKE
+    ) -> tuple[tuple[str, ...], list[str]]:
+        """Return a model without an addition, and the best candidates of some groups that could do its work.
 
         They are the best where it is, and the best without it: an exchange current has no place at which it is nothing.
         """
@@ -380,7 +385,8 @@ class Search(Comparison):
         )
 
         def may_replace(one: str) -> bool:
-            return _alike(cache, one) and one not in model and self.may_enter(lacking, one)
+            in_question = cache.space.candidates[one].group in groups and one not in model
+            return in_question and self.may_enter(lacking, one)
 
         alike = sorted(filter(may_replace, gains), key=lambda one: -gains[one])[:MOST_IN_PLACE]
         without = [one.label for one in cache.scores(lacking).gains() if may_replace(one.label)][:1]
@@ -445,10 +451,15 @@ class Search(Comparison):
         return False
 
     def _rivals(self, model: tuple[str, ...]) -> dict[str, tuple[tuple[str, ...], ...]]:
-        """Return, for each addition, the models with something else in its place that the data do not rule out."""
+        """Return, for each addition, the models with something else in its place that the data do not rule out.
+
+        What is wrong with a sensor in all runs may be so in one of them alone.
+        """
         cache, found = self.cache, {}
-        for label in [one for one in model if _alike(cache, one)]:
+        for label in [one for one in model if cache.space.candidates[one].group in ALIKE]:
             lacking, near = self._in_place_of(model, label)
+            if cache.space.candidates[label].is_sensor:
+                near += self._in_place_of(model, label, ("run",))[1]
             near = [one for one in near if not self._says_the_same(one, label)]
             own = cache.fit(model)
             others = [cache.fit((*lacking, one)) for one in near]
@@ -470,7 +481,3 @@ class Search(Comparison):
         if tells(own, other) or self.is_exact(own):
             return tells(own, other)
         return tells(self.cache.fit(own.added, "beside"), self.cache.fit(other.added, "beside"))
-
-
-def _alike(cache: FitCache, label: str) -> bool:
-    return cache.space.candidates[label].group in ("effect", "sensor", "specimen")

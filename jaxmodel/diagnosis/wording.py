@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxmodel.base.units import difference_unit, readable, split_unit
 from jaxmodel.case.specimens import in_words
-from jaxmodel.diagnosis.headline import STRONG, above_tolerance, failing_runs, reservations
+from jaxmodel.diagnosis.headline import STRONG, Doubt, above_tolerance, failing_runs, reservations
 from jaxmodel.diagnosis.result import (
     ChannelError,
     CurveFound,
@@ -65,8 +65,13 @@ def verdict_title(diagnosis: Diagnosis) -> str:
 
 
 def is_established(diagnosis: Diagnosis) -> bool:
-    """Return False if a number of a named effect is unusual or may be nothing, or the fit reached no minimum."""
-    return not any(one.doubt in STRONG for one in reservations(diagnosis))
+    """Return False if a number of a named effect is unusual or may be nothing, or the fit reached no minimum.
+
+    Nor is a sensor faulty where something else would do as well: what is in question then is another sensor, the
+    surroundings, or one run.
+    """
+    against = (*STRONG, Doubt.RIVALS) if diagnosis.verdict == "sensor_fault" else STRONG
+    return not any(one.doubt in against for one in reservations(diagnosis))
 
 
 def verdict_sentence(diagnosis: Diagnosis, *, plain: bool = False) -> str:
@@ -86,8 +91,7 @@ def _verdict(diagnosis: Diagnosis, plain: bool) -> str:
         others = [one for one in diagnosis.effects if one not in faults]
         named = _names(faults, plain) + (f", beside {_names(others, plain)}, which every cell has" if others else "")
     model = "model" if plain else "base model"
-    doubt = "" if not diagnosis.effects or is_established(diagnosis) else "not established: "
-    found = _found(diagnosis, named, doubt, model)
+    found = _found(diagnosis, named, model)
     if _is_below_tolerance(diagnosis):
         return f"The calibrated {model} is adequate{_for_limits(diagnosis)}; below that, {found}"
     return _capital(found)
@@ -97,20 +101,22 @@ def _names(effects: Sequence[NamedEffect], plain: bool) -> str:
     return join([effect_name(one.label) if plain else _with_probability(one) for one in effects])
 
 
-def _found(diagnosis: Diagnosis, named: str, doubt: str, model: str) -> str:
+def _found(diagnosis: Diagnosis, named: str, model: str) -> str:
+    established = not diagnosis.effects or is_established(diagnosis)
     match diagnosis.verdict:
         case _ if diagnosis.stays_as_stated:
             return "The model stays as stated: calibrated, it predicts the check runs worse, and no effect is named."
         case "adequate":
             return _adequate(diagnosis, model)
         case "missing_effect":
-            return f"{doubt}the {model} lacks {named}{_of_another_form(diagnosis)}."
+            lacks = "lacks" if established else "may lack"
+            return f"the {model} {lacks} {named}{_of_another_form(diagnosis)}."
         case "sensor_fault":
+            fault = f"a sensor {'is' if established else 'may be'} faulty: {named}"
             if not _is_good_enough(diagnosis):
-                fault = f"a sensor is faulty: {named}; the data show no missing effect, but {exceeding(diagnosis)}"
-                return f"{doubt}{fault}."
+                return f"{fault}; the data show no missing effect, but {exceeding(diagnosis)}."
             alone = "" if _is_below_tolerance(diagnosis) else "the model needs no further physics; "
-            return f"{doubt}{alone}a sensor is faulty: {named}{_of_another_form(diagnosis)}."
+            return f"{alone}{fault}{_of_another_form(diagnosis)}."
         case "unknown_effect":
             besides = f"besides {named}, the" if named else "the"
             what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""

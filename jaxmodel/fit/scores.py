@@ -264,7 +264,7 @@ class Scores:
         found: dict[str, float] = {}
         for way, place in zip(self.directions, self.places, strict=True):
             candidate, some = self.candidates[way.label], [*kept, place.start]
-            if candidate.is_vector or candidate.group == "run":
+            if candidate.is_vector:
                 continue
             gram = Gram(self.gram[np.ix_(some, some)], aim[some], power, 0)
             precision = np.append(self.precision[kept], 1.0)

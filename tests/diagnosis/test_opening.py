@@ -97,15 +97,22 @@ def test_effect_of_an_unusual_size_is_not_established(certain: Diagnosis, estima
     strange = dataclasses.replace(certain, effects=(effect,))
     assert doubts(strange) == [doubt]
     assert headline(strange).grade is Grade.NOT_SURE
-    assert verdict_sentence(strange).startswith("Not established: the base model lacks self_heating")
-    assert opening(strange).missing.startswith("Not established: ")
+    assert verdict_sentence(strange).startswith("The base model may lack self_heating")
+    assert opening(strange).missing.startswith("The model may lack self_heating")
     assert verdict_title(strange) == "An effect may be missing"
+
+
+def test_sensor_is_not_called_faulty_where_something_else_would_do(certain: Diagnosis) -> None:
+    effect = dataclasses.replace(certain.effects[0], cannot_tell_apart_from=("temperature_shift:cell_temperature@run",))
+    rivalled = dataclasses.replace(certain, effects=(effect,))
+    assert verdict_title(rivalled) == "An effect is missing"
+    assert verdict_title(dataclasses.replace(rivalled, verdict="sensor_fault")) == "A sensor may be faulty"
 
 
 def test_fit_without_a_minimum_establishes_nothing(certain: Diagnosis) -> None:
     unfinished = with_final(certain, converged=False)
     assert doubts(unfinished) == [Doubt.NO_MINIMUM]
-    assert verdict_sentence(unfinished).startswith("Not established: ")
+    assert verdict_sentence(unfinished).startswith("The base model may lack ")
 
 
 def test_effect_that_may_be_nothing_is_not_established(diagnosis: Diagnosis, certain: Diagnosis) -> None:

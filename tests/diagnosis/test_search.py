@@ -227,3 +227,14 @@ def test_what_is_needed_beside_curves_is_not_exchanged_for_what_is_not(
     monkeypatch.setattr(search, "better", lambda *_: True)
     exchanged = search._exchanged((label,), ())
     assert exchanged == ((rival,) if rival_is_needed or not label_is_needed else (label,))
+
+
+def test_a_sensor_that_is_off_may_be_off_in_one_run_alone(monkeypatch: pytest.MonkeyPatch):
+    """Where data do not tell, a shift of one run is a rival of a sensor's fault, and of no effect."""
+    offset, shift = "voltage_offset:voltage_V", "voltage_shift:voltage_V@run-02"
+    search = Search(cache_of(small_cell(), "self_heating", "voltage_offset", shift))
+    monkeypatch.setattr(search, "_told", lambda *_: False)
+    assert (shift,) in search._rivals((offset,))[offset]
+    assert (shift,) not in search._rivals(("self_heating",))["self_heating"]
+    monkeypatch.setattr(search, "_told", lambda *_: True)
+    assert not search._rivals((offset,))[offset]
