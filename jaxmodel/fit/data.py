@@ -12,6 +12,8 @@ from jaxmodel.case.records import Case
 from jaxmodel.fit.noise.instrument import NoiseModel
 from jaxmodel.fit.settings import SETTINGS, Settings
 
+# Time blocks of a run (design).
+PIECES = 16
 # A channel in one run: its name and the index of the run.
 Series = tuple[str, int]
 
@@ -51,15 +53,27 @@ class FitData:
             found.setdefault(name, []).append(rows)
         return found
 
-    def blocks(self, pieces: int) -> np.ndarray:
-        """Return the number of each reading's block (n,): its run, in so many pieces of equal time."""
+    @functools.cached_property
+    def block(self) -> np.ndarray:
+        """Return the number of each reading's block (n,): its run, in `PIECES` pieces of equal time."""
         block = np.zeros(self.count, dtype=int)
         for run in np.unique(self.run):
             mine = self.run == run
             time = self.time_s[mine] - self.time_s[mine].min()
             share = time / max(float(time.max()), 1e-12)
-            block[mine] = run * pieces + np.minimum((share * pieces).astype(int), pieces - 1)
+            block[mine] = run * PIECES + np.minimum((share * PIECES).astype(int), PIECES - 1)
         return block
+
+    @functools.cached_property
+    def blocks(self) -> dict[int, dict[str, slice]]:
+        """Return the rows of each block by channel: those of a channel in a run are in order of time."""
+        found: dict[int, dict[str, slice]] = {}
+        for (name, _), rows in self.chains:
+            numbers, first = np.unique(self.block[rows], return_index=True)
+            ends = [*first[1:], rows.stop - rows.start]
+            for number, begin, end in zip(numbers.tolist(), first, ends, strict=True):
+                found.setdefault(number, {})[name] = slice(rows.start + int(begin), rows.start + int(end))
+        return dict(sorted(found.items()))
 
 
 def collect(

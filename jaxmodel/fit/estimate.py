@@ -145,11 +145,10 @@ def calibrate(
         held: channels whose weights stay as given.
     """
     weights = likelihood or from_tolerances(view.data, tolerances)
-    channels = view.space.coarse.channels
     point = descend(view, spec, weights, start, steps=FIRST_STEPS if likelihood is None else STEPS, flat=1.0)
     passed: list[tuple[Likelihood, ModelSpec]] = [(weights, spec)]
     for number in range(rounds):
-        linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
+        linear = Linearisation.of(view.data, point.x[list(spec.free)], point.errors, point.jacobian)
         weights, spec = _settled(view, spec, weights, linear, point, held, _turning(passed))
         if _turns_back(passed, weights):
             weights = weights.towards(passed[-1][0])  # weights and errors chase each other
@@ -162,7 +161,7 @@ def calibrate(
                 break
     else:
         point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT)
-    linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
+    linear = Linearisation.of(view.data, point.x[list(spec.free)], point.errors, point.jacobian)
     added = tuple(label for label in spec.labels if view.space.candidates[label].group != "curve")
     return Fit(spec, added, point.x, point.errors, weights, linear, point.objective, point.promise)
 

@@ -22,6 +22,8 @@ LONGEST_STEP = 30.0
 # Derivatives are kept, with what a step taught of them, while steps gain at least this share of what they predict,
 # for so many steps: to compute them takes ten times as long as a step. Assumed.
 KEPT, LEARNT = 0.5, 2
+# No error counts for more, in the unit of its channel: squares stay finite.
+LARGEST = 1e6
 # A fit has converged if a Newton step would gain less than this of Q: a tenth of an sd.
 FLAT = 0.01
 
@@ -57,10 +59,11 @@ def errors_at(view: View, problem: Problem, spec: ModelSpec, places: np.ndarray)
 
     Predictions that are not finite count as a large error, so that a fit can go on.
     """
-    predicted = view.at(problem, [spec.lane(x) for x in places])
-    worst = 1e3 * view.data.sd
-    errors = view.data.value - predicted
-    return np.where(np.isfinite(errors), np.clip(errors, -1e6, 1e6), worst).T
+    errors = (view.data.value - view.at(problem, [spec.lane(x) for x in places])).T
+    if not np.max(np.abs(errors)) <= LARGEST:  # or one is not finite
+        worst = 1e3 * view.data.sd
+        errors = np.where(np.isfinite(errors), np.clip(errors, -LARGEST, LARGEST), worst[:, None])
+    return errors
 
 
 def linearised(view: View, problem: Problem, spec: ModelSpec, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,13 +76,12 @@ def linearised(view: View, problem: Problem, spec: ModelSpec, x: np.ndarray) -> 
     for number, moved in enumerate(together, start=1):
         places[number, moved] += DIFFERENCE_STEP
     errors = errors_at(view, problem, spec, places)
-    jacobian = np.zeros((errors.shape[0], len(spec.free)))
-    column = {place: number for number, place in enumerate(spec.free)}
-    for number, moved in enumerate(together, start=1):
-        slope = (errors[:, 0] - errors[:, number]) / DIFFERENCE_STEP
-        for place in moved:
-            run = view.space.layout.runs[place]
-            jacobian[:, column[place]] = slope if run < 0 else np.where(view.data.run == run, slope, 0.0)
+    slopes = (errors[:, :1] - errors[:, 1:]) / DIFFERENCE_STEP
+    lane = {place: number for number, moved in enumerate(together) for place in moved}
+    jacobian = slopes[:, [lane[place] for place in spec.free]]
+    for number, place in enumerate(spec.free):
+        if (run := view.space.layout.runs[place]) >= 0:
+            jacobian[view.data.run != run, number] = 0.0
     return errors[:, 0].copy(), jacobian  # a column of a matrix would keep all of it
 
 
@@ -118,19 +120,20 @@ def descend(
     """
     problem, free, precision = view.space.problem(spec), list(spec.free), spec.precision
     root = likelihood.roots(view.data)
+    weight = root**2
 
     def objectives(places: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        return np.sum((root[:, None] * errors) ** 2, axis=0) + np.sum(places[:, free] ** 2 * precision, axis=1)
+        return weight @ errors**2 + places[:, free] ** 2 @ precision
 
     x = (start.x if isinstance(start, Point) else start).copy()
     known = (start.errors, start.jacobian) if isinstance(start, Point) else linearised(view, problem, spec, x)
     (errors, jacobian), left = known, steps
+    inner = _inner(jacobian, root)
     since = int(isinstance(start, Point) and not start.exact)  # steps since the derivatives were computed
     while True:
         objective = float(objectives(x[None], errors[:, None])[0])
-        white = root[:, None] * jacobian
-        slope = white.T @ (root * errors) - precision * x[free]
-        square = white.T @ white + np.diag(precision)
+        slope = (weight * errors) @ jacobian - precision * x[free]
+        square = inner + np.diag(precision)
         moves = np.clip(_moves(square, slope), -LONGEST_STEP, LONGEST_STEP)
         least = flat * max(1.0, 0.01 * objective)
         promise = float(np.max(moves @ slope))  # Newton's; where its step is cut short, another's
@@ -140,31 +143,55 @@ def descend(
         reached = np.array([objective]) if tried is None else objectives(places, tried)
         best = int(np.argmin(reached))
         gained = objective - float(reached[best])
-        if tried is None or gained <= max(0.1 * least, 1e-12 * abs(objective)):
-            if not since or (not exact and promise < least):
-                return Point(x, errors, jacobian, objective, promise, exact=not since)
+        stays = tried is None or gained <= max(0.1 * least, 1e-12 * abs(objective))
+        if stays and (not since or (not exact and promise < least)):
+            return Point(x, errors, jacobian, objective, promise, exact=not since)
+        moved = moves[best]
+        if not stays:
+            x = places[best]
+        if stays or since == LEARNT or gained < KEPT * float(2.0 * slope @ moved - moved @ square @ moved):
             errors, jacobian = linearised(view, problem, spec, x)
-            since, left = 0, left - 1
-            continue
-        x, moved = places[best], moves[best]
-        if since == LEARNT or gained < KEPT * float(2.0 * slope @ moved - moved @ square @ moved):
-            errors, jacobian = linearised(view, problem, spec, x)
+            inner = _inner(jacobian, root)
             since, left = 0, left - 1
         else:
-            jacobian = jacobian + _learnt(tried[:, best] - errors + jacobian @ moved, moved, precision)
+            assert tried is not None
+            along = _learnt(moved, precision)
+            missed = tried[:, best] - errors + jacobian @ moved
+            inner = inner + _of_change((weight * missed) @ jacobian, float(weight @ missed**2), along)
+            jacobian = jacobian - np.outer(missed, along)
             errors, since = tried[:, best].copy(), since + 1
 
 
-def _learnt(missed: np.ndarray, moved: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """Return what a step teaches of the derivatives of the predictions (n, k): Broyden's update.
+def _inner(jacobian: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Return J'WJ (k, k) of derivatives J (n, k) under the roots (n,) of the weights."""
+    white = root[:, None] * jacobian
+    return white.T @ white
+
+
+def _learnt(moved: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return the direction a (k,) of Broyden's update, J - m a', of the derivatives J of the predictions (n, k).
+
+    m are the errors (n,) after a step, minus those that the derivatives predicted. It is the least change, in the
+    metric of the priors, with which they would have predicted them.
 
     Args:
-        missed: (n,) errors after the step, minus those that the derivatives predicted.
         moved: (k,) the step.
-        precision: (k,) in whose metric the least change is sought.
+        precision: (k,) of the priors.
     """
     along = precision * moved
-    return -np.outer(missed, along / float(moved @ along))
+    return along / float(moved @ along)
+
+
+def _of_change(crossed: np.ndarray, power: float, along: np.ndarray) -> np.ndarray:
+    """Return by how much J'WJ (k, k) changes where J becomes J - m a': in the time of one product of J.
+
+    Args:
+        crossed: (k,) J'Wm.
+        power: m'Wm.
+        along: (k,) a.
+    """
+    once = np.outer(crossed, along)
+    return power * np.outer(along, along) - once - once.T
 
 
 def _moves(square: np.ndarray, slope: np.ndarray) -> np.ndarray:

@@ -24,8 +24,8 @@ from jaxmodel.lanes.kernel import Shared
 from jaxmodel.model.simulation import Needed, read_track
 
 
-def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.ndarray]:
-    """Return the readings of each run, shape (channels, rows, lanes).
+def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[list[np.ndarray]]:
+    """Return the readings of each run by channel, each (rows, lanes).
 
     Args:
         problem: a case.
@@ -45,21 +45,26 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
             for which in (dynamic, ~dynamic)
         ]
         order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
-        return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
+        return [
+            [np.concatenate(both, axis=1)[:, order] for both in zip(*of_run, strict=True)]
+            for of_run in zip(*parts, strict=True)
+        ]
     ready = _ready(problem, lanes[0], tuple(bool(one) for one in np.any(have, axis=0)))
-    numbers = problem.unknowns.numbers(np.stack([lane.x for lane in lanes]))
+    unknowns = problem.unknowns_on_host
+    numbers = unknowns.numbers(np.stack([lane.x for lane in lanes]))
     values: dict[str, Any] = {
         "numbers": numbers,
-        "mixed": problem.unknowns.mixed(numbers),
+        "mixed": unknowns.mixed(numbers),
         "switches": switches,
         "laws": np.stack([lane.laws for lane in lanes]),
     }
     own = ready.kernel.own(values, len(lanes))
+    packets = max(1, ready.kernel.filled(len(lanes)) // ready.kernel.lanes // max(1, pool.threads))
     jobs = [
-        pool.start(ready.kernel, shared, own, len(lanes), 1, run.sizes)
+        pool.start(ready.kernel, shared, own, len(lanes), packets, run.sizes)
         for run, shared in zip(problem.by_run, ready.shared, strict=True)
     ]
-    return [np.stack(job.raw()) for job in jobs]
+    return [job.raw() for job in jobs]
 
 
 class _Ready(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -50,33 +51,53 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     return _of_batches(blocks, lanes, together)
 
 
-def _by_vectors(problem: Problem, lanes: Sequence[Lane]) -> list[np.ndarray] | None:
-    """Return the readings of each run, shape (channels, rows, lanes); None if XLA is to compute them."""
+def _by_vectors(problem: Problem, lanes: Sequence[Lane]) -> list[list[np.ndarray]] | None:
+    """Return the readings of each run by channel, each (rows, lanes); None if XLA is to compute them."""
     if jax.default_backend() != "cpu":
         return None
     try:
-        return kernels.predicted(problem, lanes, _pool())
+        return kernels.predicted(problem, lanes, _of_this_thread if _share_the_cores() else _of_all_cores())
     except NotNative:  # an effect of the user's, most likely
         return None
 
 
 @functools.cache
-def _pool() -> Pool:
+def _of_all_cores() -> Pool:
     return Pool(os.cpu_count() or 1)
 
 
-def _padded(problem: Problem, of_runs: Sequence[np.ndarray], count: int) -> np.ndarray:
+_of_this_thread = Pool(0)
+
+
+class _Together(threading.local):
+    """What a thread is at work on together with others: how many of it are not done."""
+
+    left: list[int] | None = None
+
+
+_together = _Together()
+
+
+def _share_the_cores() -> bool:
+    """Return True in a thread beside which others keep all cores busy: to hand on a kernel would only cost time."""
+    return _together.left is not None and len(_together.left) >= (os.cpu_count() or 1)
+
+
+def _padded(problem: Problem, of_runs: Sequence[Sequence[np.ndarray]], count: int) -> np.ndarray:
     """Return the readings of runs in one array, the last row of a run repeated."""
     found = np.empty((count, *problem.times.shape, len(problem.channels)))
     for number, readings in enumerate(of_runs):
-        rows = readings.shape[1]
-        found[:, number, :rows] = readings.transpose(2, 1, 0)
+        rows = readings[0].shape[0]
+        for place, of_channel in enumerate(readings):
+            found[:, number, :rows, place] = of_channel.T
         found[:, number, rows:] = found[:, number, rows - 1 : rows]
     return found
 
 
 def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray], lanes: Sequence[Lane]) -> np.ndarray:
     """Return the predictions of lanes for some readings, shape (lanes, readings).
+
+    In memory the lanes of a reading lie together, as the kernels write them.
 
     Args:
         problem: a case.
@@ -85,11 +106,15 @@ def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray
     """
     run, row, channel = places
     if (of_runs := _by_vectors(problem, lanes)) is not None:
-        found = np.empty((len(lanes), run.size))
+        found = np.empty((run.size, len(lanes)))
         for number, readings in enumerate(of_runs):
-            mine = np.flatnonzero(run == number)
-            found[:, mine] = readings[channel[mine], row[mine]].T
-        return found
+            for place, of_channel in enumerate(readings):
+                mine = np.flatnonzero((run == number) & (channel == place))
+                if mine.size and mine[-1] - mine[0] == mine.size - 1:
+                    np.take(of_channel, row[mine], axis=0, out=found[mine[0] : mine[-1] + 1], mode="clip")
+                else:
+                    found[mine] = of_channel[row[mine]]
+        return found.T
     picked = []  # of each block: its readings, and where they are in its predictions
     for runs, part in problem.blocks:
         of_block = np.full(problem.times.shape[0], -1)
@@ -128,8 +153,17 @@ def at_once(use: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Re
     """Apply a function to each item, on one thread per core."""
     if len(items) == 1:
         return [use(items[0])]
+    left = list(range(len(items)))
+
+    def one(item: _Item) -> _Result:
+        _together.left = left
+        try:
+            return use(item)
+        finally:
+            left.pop()
+
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(use, items))
+        return list(pool.map(one, items))
 
 
 @eqx.filter_jit

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from jaxmodel.fit.data import FitData
+from jaxmodel.fit.data import PIECES, FitData
 from jaxmodel.fit.likelihood import Likelihood
 
-# Time blocks of a run (design).
-PIECES = 16
 # Share of the diagonal of J'J that is added to it: of a channel that hardly scatters, what rounding leaves of the rest
 # of J'J need not be positive.
 ROUNDING = 1e-12
@@ -53,18 +51,15 @@ class Linearisation:
     runs: Mapping[int, int]
 
     @classmethod
-    def of(cls, data: FitData, names: Sequence[str], x: np.ndarray, errors: np.ndarray, jacobian: np.ndarray):
+    def of(cls, data: FitData, x: np.ndarray, errors: np.ndarray, jacobian: np.ndarray):
         """Linearise: errors (n,) and the derivatives of the predictions (n, k) at free coordinates x (k,)."""
         target = errors + jacobian @ x
-        block = data.blocks(PIECES)
-        found: dict[int, dict[str, Gram]] = {}
-        for number in np.unique(block):
-            rows = np.flatnonzero(block == number)
-            for channel in np.unique(data.channel[rows]):
-                mine = rows[data.channel[rows] == channel]
-                part, aim = jacobian[mine], target[mine]
-                gram = Gram(part.T @ part, part.T @ aim, float(aim @ aim), mine.size)
-                found.setdefault(int(number), {})[names[channel]] = gram
+
+        def gram(rows: slice) -> Gram:
+            part, aim = jacobian[rows], target[rows]
+            return Gram(part.T @ part, part.T @ aim, float(aim @ aim), aim.size)
+
+        found = {number: {name: gram(rows) for name, rows in of.items()} for number, of in data.blocks.items()}
         return cls(x, found, {number: number // PIECES for number in found})
 
     @functools.cached_property
@@ -153,11 +148,13 @@ class Linearisation:
 
 def solved(square: np.ndarray, aim: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """Return the best coordinates (k,): (J'J + L)^-1 J'y, L the precision (k,) of the priors."""
-    return np.asarray(cho_solve(_factor(square, precision), aim))
+    return np.asarray(cho_solve(_factor(square, precision), aim, check_finite=False))
 
 
 def _factor(square: np.ndarray, precision: np.ndarray):
-    return cho_factor(square + np.diag(precision + ROUNDING * np.diag(square)), lower=True)
+    held = square.copy()
+    held.flat[:: len(held) + 1] += precision + ROUNDING * np.diag(square)
+    return cho_factor(held, lower=True, overwrite_a=True, check_finite=False)
 
 
 def log_evidence(gram: Gram, precision: np.ndarray) -> float:
@@ -166,6 +163,6 @@ def log_evidence(gram: Gram, precision: np.ndarray) -> float:
     -(|y - J x|^2 + x'L x) / 2 - log det(J'J + L) / 2 + log det L / 2 at the best x.
     """
     factor = _factor(gram.square, precision)
-    x = cho_solve(factor, gram.aim)
+    x = cho_solve(factor, gram.aim, check_finite=False)
     least = gram.power - float(x @ gram.aim)
     return -0.5 * least - float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(np.sum(np.log(precision)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ from jaxmodel.model.simulation import Needed, Track, read_track, track
 _OfRun = TypeVar("_OfRun")
 
 
-class Lane(eqx.Module):
+class Lane(NamedTuple):
     """Values of all unknowns, switches of effects, and settings of laws.
 
     Attributes:
@@ -253,6 +253,11 @@ class Problem(eqx.Module):
             model = jax.tree.map(lambda leaf, n=number: leaf[n], models)
             found.append(OneRun(number, (steps, rows), (model, track, of_run[number])))
         return found
+
+    @functools.cached_property
+    def unknowns_on_host(self) -> Unknowns:
+        """Return its unknowns with arrays on the host."""
+        return jax.tree.map(np.asarray, self.unknowns)
 
     @functools.cached_property
     def ready(self) -> dict[tuple[bool, ...], Any]:

@@ -102,6 +102,10 @@ class Scores:
         edges = np.cumsum([self.count, *(way.columns.shape[1] for way in self.directions)])
         self.places = [slice(first, last) for first, last in itertools.pairwise(edges)]
         self.projected = self._off_own(self.gram)
+        own, towards = slice(0, self.count), self.gram[: self.count].copy()
+        towards[:, -1] -= self.prior_slope
+        # How the model's own unknowns answer to each column, and where they go without any candidate.
+        self._answers = _solved(self.gram[own, own], self.precision, towards)
         loose = np.where(is_common, self.precision / AS_FAR**2, self.precision)
         self._free = np.diag(self._off(self.gram, slice(0, self.count), loose))
 
@@ -170,9 +174,7 @@ class Scores:
 
     def _base_step(self, place: slice, amplitudes: np.ndarray) -> np.ndarray:
         """Return how the model's own unknowns move where a candidate has these amplitudes, (k,)."""
-        free = slice(0, self.count)
-        slope = self.gram[free, -1] - self.prior_slope - self.gram[free, place] @ amplitudes
-        return _solved(self.gram[free, free], self.precision, slope)
+        return self._answers[:, -1] - self._answers[:, place] @ amplitudes
 
     @staticmethod
     def _vector_gain(label: str, inner: np.ndarray, score: np.ndarray, whole: float) -> Gain:

@@ -93,7 +93,7 @@ def screen(view: View, spec: ModelSpec, x: np.ndarray, groups: Sequence[str] = S
             lane = lanes[together[key]]
             moved = np.array(lane.x)
             moved[list(space.layout.of[one.label])] = KNOT_STEP
-            lanes[together[key]] = dataclasses.replace(lane, x=moved)
+            lanes[together[key]] = lane._replace(x=moved)
             made.append((one, one.probes[0], 0, together[key], KNOT_STEP))
         else:
             for probe in one.probes:

@@ -95,7 +95,7 @@ def test_no_amplitude_exceeds_what_physics_allows(wrong: FitCache):
     x = np.zeros(base.x.size)
     x[list(wrong.space.layout.of[name])] = 20.0
     free = x[list(base.spec.free)]
-    linear = Linearisation.of(view.data, wrong.space.coarse.channels, free, 0.0 * base.errors, jacobian)
+    linear = Linearisation.of(view.data, free, 0.0 * base.errors, jacobian)
     found = best_amplitudes(view, base.spec, linear, base.likelihood).amplitudes[name]
     assert found == pytest.approx(CURVES[name].largest / CURVES[name].typical)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from jaxmodel.fit.data import FitData
+from jaxmodel.fit.data import PIECES, FitData
 from jaxmodel.fit.likelihood import ChannelWeight, Likelihood
-from jaxmodel.fit.linearisation import PIECES, Gram, Linearisation, log_evidence, solved
+from jaxmodel.fit.linearisation import Gram, Linearisation, log_evidence, solved
 
 NAMES = ("voltage_V", "soc", "cell_temperature_degC")
 ROWS, RUNS, SIZE = 40, 2, 5
@@ -47,7 +47,7 @@ def made() -> Made:
     jacobian[:, 3] *= run == 1
     x = rng.standard_normal(SIZE)
     errors = rng.standard_normal(number.size)
-    return Made(data, jacobian, errors + jacobian @ x, Linearisation.of(data, NAMES, x, errors, jacobian))
+    return Made(data, jacobian, errors + jacobian @ x, Linearisation.of(data, x, errors, jacobian))
 
 
 def same(one: Gram, square: np.ndarray, aim: np.ndarray, power: float) -> None:
@@ -79,7 +79,7 @@ def test_blocks_are_pieces_of_runs(made: Made):
     assert len(made.linear.blocks) == RUNS * PIECES
     assert set(made.linear.runs.values()) == {0, 1}
     for number, block in made.linear.blocks.items():
-        mine = made.data.blocks(PIECES) == number
+        mine = made.data.block == number
         assert {made.linear.runs[number]} == set(made.data.run[mine])
         assert sum(one.count for one in block.values()) == mine.sum()
 
@@ -94,7 +94,7 @@ def test_a_block_counts_as_often_as_its_share_says(made: Made):
     shares = np.random.default_rng(1).integers(0, 4, len(made.linear.blocks))
     white, seen = made.white
     of_block = dict(zip(made.linear.blocks, shares, strict=True))
-    often = np.array([of_block[number] for number in made.data.blocks(PIECES)])
+    often = np.array([of_block[number] for number in made.data.block])
     (found,) = made.linear.resampled(WEIGHTS, shares[None])
     same(found, (often * white.T) @ white, (often * white.T) @ seen, often @ seen**2)
 
@@ -123,7 +123,7 @@ def test_an_unknown_that_is_held_by_its_prior_costs_no_evidence(made: Made):
 
 def test_errors_of_left_out_blocks_are_those_of_refits(made: Made):
     white, seen = made.white
-    block = made.data.blocks(PIECES)
+    block = made.data.block
     squares = np.zeros(made.data.count)
     for number in np.unique(block):
         kept = block != number

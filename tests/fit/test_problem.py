@@ -17,7 +17,7 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.battery import ArrheniusResistance, OcvHysteresis
 from jaxmodel.effects.sensors import VoltageOffset
 from jaxmodel.fit.candidates import make_candidate
-from jaxmodel.fit.data import collect
+from jaxmodel.fit.data import PIECES, collect
 from jaxmodel.fit.lanes import LANES, at_places, one_thread_of_blas, predictions
 from jaxmodel.fit.laws import no_laws
 from jaxmodel.fit.layout import Layout, make_layout
@@ -174,7 +174,7 @@ def test_prediction_is_the_simulation_of_each_run(
 
 def test_many_lanes_are_each_as_if_alone(made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray) -> None:
     problem, _ = made
-    others = [dataclasses.replace(lane, x=lane.x + 0.01 * number) for number in range(LANES + 3)]
+    others = [lane._replace(x=lane.x + 0.01 * number) for number in range(LANES + 3)]
     found = predictions(problem, others)
     assert found.shape == (LANES + 3, *predicted.shape)
     np.testing.assert_allclose(found[0], predicted, rtol=1e-12)
@@ -195,7 +195,7 @@ def test_runs_by_themselves_are_simulated_as_beside_the_others(
 
 def test_switch_turns_an_effect_on(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
     problem, layout = made
-    switched = dataclasses.replace(lane, switches=np.ones(3))
+    switched = lane._replace(switches=np.ones(3))
     on = predictions(problem, [switched])[0]
     expected = alone(case, layout, switched, 0)["voltage_V"]
     np.testing.assert_allclose(on[0, : expected.size, problem.channels.index("voltage_V")], expected, rtol=1e-11)
@@ -205,8 +205,8 @@ def test_effects_that_are_off_leave_the_base_model_to_the_bit(
     case: Case, made: tuple[Problem, Layout], lane: Lane
 ) -> None:
     problem, layout = made
-    off = dataclasses.replace(lane, switches=np.zeros(3))
-    far = dataclasses.replace(off, x=np.concatenate([lane.x[: layout.base], np.full(5, 2.0)]))
+    off = lane._replace(switches=np.zeros(3))
+    far = off._replace(x=np.concatenate([lane.x[: layout.base], np.full(5, 2.0)]))
     np.testing.assert_array_equal(predictions(problem, [off]), predictions(problem, [far]))
 
 
@@ -231,10 +231,16 @@ def test_only_given_rows_of_a_run_count(case: Case) -> None:
 
 def test_blocks_are_pieces_of_runs_of_equal_time(case: Case) -> None:
     readings = collect(case, NOISE, CHANNELS, [0, 1])
-    block = readings.blocks(4)
-    np.testing.assert_array_equal(block // 4, readings.run)
-    for number in np.unique(block):
-        assert np.ptp(readings.time_s[block == number]) <= 0.26 * np.ptp(readings.time_s[readings.run == number // 4])
+    block = readings.block
+    np.testing.assert_array_equal(block // PIECES, readings.run)
+    for number, of_channels in readings.blocks.items():
+        mine = np.concatenate([np.arange(readings.count)[rows] for rows in of_channels.values()])
+        np.testing.assert_array_equal(np.sort(mine), np.flatnonzero(block == number))
+        of_run = readings.time_s[readings.run == number // PIECES]
+        assert np.ptp(readings.time_s[mine]) <= 1.05 / PIECES * np.ptp(of_run)
+        for name, rows in of_channels.items():
+            assert set(readings.channel[rows]) == {CHANNELS.index(name)}
+    assert sorted(readings.blocks) == sorted(set(block))
 
 
 def test_too_many_readings_are_thinned_evenly(case: Case) -> None:

@@ -61,7 +61,6 @@ class Given:
 def given(small_view: View) -> Given:
     """Some readings of a case, for their weights; all else is random."""
     rng, data = np.random.default_rng(0), small_view.data
-    names = small_view.space.coarse.channels
     weights = Likelihood({name: ChannelWeight(0.01 * n, 2.0 * n, 300) for n, name in enumerate(data.by_channel, 1)})
     variance = weights.roots(data) ** -2.0
     sd = np.sqrt(variance)
@@ -86,7 +85,7 @@ def given(small_view: View) -> Given:
         Direction(label, () if candidates[label].is_vector else (1.0,), columns) for label, columns in ways.items()
     )
     screened = Screen(spec, x, errors, base, directions)
-    fit = Fit(spec, (), x, errors, weights, Linearisation.of(data, names, x, errors, base), 0.0, 0.0)
+    fit = Fit(spec, (), x, errors, weights, Linearisation.of(data, x, errors, base), 0.0, 0.0)
     scores = Scores(screened, data, fit, candidates, IS_COMMON)
     return Given(data, scores, fit, screened, base, variance, ways)
 
