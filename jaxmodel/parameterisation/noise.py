@@ -11,16 +11,23 @@ from jaxmodel.parameterisation.result import Extraction
 
 MOST = 200_000
 LEAST_ROWS = 20
+LEAST_LEVELS = 10  # assumed
 
 
 def rounding(values: np.ndarray) -> float:
-    """Return the step to which readings are rounded, of which most changes are multiples; 0 if there is none."""
-    change = np.abs(np.diff(values[np.isfinite(values)][:MOST]))
+    """Return the step to which readings are rounded, of which most changes are multiples; 0 if there is none.
+
+    A few levels are rounded only if one follows the next: else they are what a programme of currents asks for.
+    """
+    there = values[np.isfinite(values)][:MOST]
+    change = np.abs(np.diff(there))
     change = change[change > 1e-9]
     if change.size < LEAST_ROWS:
         return 0.0
     step = float(np.min(change))
     multiples = change / step
+    if np.unique(there).size < LEAST_LEVELS and np.quantile(multiples, 0.9) > 1.5:
+        return 0.0
     regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.05)
     return step if regular > 0.9 and np.median(multiples) < 1e4 else 0.0
 

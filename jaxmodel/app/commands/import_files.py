@@ -15,6 +15,7 @@ from jaxmodel.base.errors import MeasurementError, UserError, nearest
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.data.importing import Imported, Question, import_case
 from jaxmodel.data.importing.imported import shortened
+from jaxmodel.data.importing.virtual_bench import PREFIX, logs_of
 from jaxmodel.data.importing.written import options_of
 
 _MOST_DECISIONS, _MOST_FINDINGS = 40, 40
@@ -71,14 +72,17 @@ def _check(imported: Imported) -> None:
 
 
 def files_of(files: Sequence[Path], out: Path) -> list[Path]:
-    """Return the files, those of a folder by name.
+    """Return the files, those of a folder by name, and for a parameter set of PyBaMM the logs of its tests.
 
     Raises:
-        MeasurementError: they are in the folder of the case, or a folder holds none.
+        MeasurementError: they are in the folder of the case, a folder holds none, or a set cannot be tested.
     """
     found: list[Path] = []
     for path in files:
-        if path.is_dir():
+        if str(path).startswith(PREFIX):
+            terminal.say(f"testing {path} at a virtual bench ...")
+            found += logs_of(str(path).removeprefix(PREFIX), out.with_name(f"{out.name}_logs"))
+        elif path.is_dir():
             inside = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
             logs = [
                 file for file in inside if file.suffix.lower() not in (".md", ".png", ".jpg", ".pdf", ".toml", ".json")
