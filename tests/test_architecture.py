@@ -211,7 +211,14 @@ def test_room_imports_only_declared_dependencies(room: str) -> None:
     """A room that needs a dependency of the test extra would work here and fail for a user."""
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    declared = project["dependencies"] + extras["cluster"] + extras["s3"] + extras["matlab"] + extras["workbench"]
+    declared = (
+        project["dependencies"]
+        + extras["cluster"]
+        + extras["s3"]
+        + extras["matlab"]
+        + extras["workbench"]
+        + extras["pybamm"]
+    )
     known = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     known |= {"pydantic_core"}  # half of pydantic
     known |= sys.stdlib_module_names | {NAME}

@@ -7,6 +7,7 @@ temperature, so that it is measured as any cell is, and parameterised from the l
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -118,7 +119,7 @@ def bench(name: str) -> Bench:
     try:
         import pybamm  # pyrefly: ignore
     except ImportError as error:
-        raise MeasurementError(f"{PREFIX}{name}: PyBaMM is not installed: pip install 'pybamm>=26.10'.") from error
+        raise MeasurementError(f"{PREFIX}{name}: PyBaMM is not installed; install jaxmodel[pybamm].") from error
     pybamm.set_logging_level("ERROR")
     if name.endswith(".json"):
         return Bench(Path(name).stem, pybamm, _of_bpx(name, pybamm))
@@ -131,6 +132,8 @@ def bench(name: str) -> Bench:
 
 
 def _of_bpx(path: str, pybamm: Any) -> Any:
+    if importlib.util.find_spec("bpx") is None:
+        raise MeasurementError(f"{PREFIX}{path}: PyBaMM reads BPX by bpx; install jaxmodel[pybamm].")
     try:
         return pybamm.ParameterValues.create_from_bpx(path)
     except FileNotFoundError as error:

@@ -104,7 +104,7 @@ def test_a_set_is_named_in_place_of_files(pybamm: dict[str, Any], tmp_path: Path
 
 def test_without_pybamm_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "pybamm", None)
-    with pytest.raises(MeasurementError, match=r"PyBaMM is not installed: pip install 'pybamm>=26\.10'"):
+    with pytest.raises(MeasurementError, match=r"PyBaMM is not installed; install jaxmodel\[pybamm\]\."):
         logs_of("Chen2020", tmp_path)
 
 
