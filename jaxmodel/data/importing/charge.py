@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.options import Options
 from jaxmodel.data.importing.sign import evidence
 
 # Highest voltage at rest of LFP, the range of its middle and the width between the quartiles of its charge (assumed).
@@ -430,6 +431,22 @@ def _logged(count: Count) -> Stated | None:
     if still and soc[there[0]] in (0.0, 1.0):  # a column that nobody filled in
         return None
     return Stated(_within(float(soc[there[0]])), _LOGGED_SD, "the log states it")
+
+
+def without_estimate(run: Log, options: Options) -> Log:
+    """Return a run without the state of charge of its log, unless the user names its column.
+
+    It was counted or estimated by another program, and is no reading that a model could be judged by. What it says of
+    capacity and start is known by now.
+    """
+    if "soc" not in run.columns or options.columns.get("soc"):
+        return run
+    why = (
+        "another program has computed it: it tells the charge at the start at most, and is no reading; "
+        "name its column with --column soc= to compare it with the model"
+    )
+    kept = {name: values for name, values in run.columns.items() if name != "soc"}
+    return dataclasses.replace(run, columns=kept).also(Decision("soc", run.name, "left out", why, "file"))
 
 
 def against_the_log(found: Sequence[Count], starts: Sequence[Stated], capacity: Stated, known: bool) -> list[Finding]:

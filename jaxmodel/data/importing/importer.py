@@ -420,6 +420,7 @@ def _assembled(
         label = _label(condition, of_list, None if capacity is None else capacity.value)
         rises = {} if kind == "cell" else warm_start.rises_of(run, ambient)
         run = warm_start.told(run if start is None else charge.told(run, start), rises)
+        run = charge.without_estimate(run, options)
         done.append(ImportedRun(run, part, label, ambient, start, condition, rises, capacities.get(run.name)))
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]

@@ -215,12 +215,23 @@ def test_a_log_of_leaf_spy_is_its_mean_cell(tmp_path: Path):
             "Speed1": 3683,
         }
     )
-    imported = import_case(write(tmp_path, frame), "cell", ambient=25.0)
+    imported = import_case(write(tmp_path, frame), "cell", ambient=25.0, columns={"soc": "SOC"})
     columns = imported.runs[0].log.columns
     np.testing.assert_allclose(columns["voltage_V"], log.voltage_V, atol=1e-3)
     np.testing.assert_allclose(columns["current_A"], log.current_A)
     np.testing.assert_allclose(columns["soc"], soc, atol=1e-5)
     np.testing.assert_allclose(imported.runs[0].log.time_s, log.time_s)
+
+
+def test_a_state_of_charge_that_another_program_computed_is_no_reading(tmp_path: Path):
+    log = cell_log()
+    frame = log.assign(SOC=100.0 - 100.0 * log.current_A.cumsum() * 10.0 / 3600.0 / 3.0).drop(columns="step")
+    path = write(tmp_path, frame)
+    plain = import_case(path, "cell", ambient=25.0)
+    assert "soc" not in plain.runs[0].log.columns
+    assert "soc" not in plain.case.runs[0].measured.outputs
+    assert "left out" in [one.value for one in plain.decisions if one.about == "soc"]
+    assert "soc" in import_case(path, "cell", ambient=25.0, columns={"soc": "SOC"}).case.runs[0].measured.outputs
 
 
 def test_what_a_program_prints_between_rows_is_no_line_of_names(tmp_path: Path):
