@@ -90,7 +90,15 @@ Specimens = Annotated[
         show_default=False,
     ),
 ]
-Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
+Ambient = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--ambient",
+        metavar="DEGC|PATTERN=DEGC",
+        help='Of all runs, or of the files of a pattern, as "*_10c*=10"; repeatable.',
+        show_default=False,
+    ),
+]
 InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
 Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
 Title = Annotated[str | None, typer.Option(help="Of the case.", show_default=False)]

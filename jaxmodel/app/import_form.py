@@ -82,6 +82,7 @@ class Field:
 
 FIELDS = (
     Field("ambient", "Ambient temperature [°C]", "ambient", is_usual=True),
+    Field("ambients", "Ambient temperature of some files [°C]", "ambient", form="*_10c*=10, *_40c*=40"),
     Field("capacity_Ah", "Capacity [A h]", "capacity", ("cell",), is_usual=True),
     Field("initial_soc", "State of charge at the start, 0 to 1", "initial_soc", _CELLS, is_usual=True),
     Field("load", "The load is", "load", _TURNS, LOADS, is_usual=True),

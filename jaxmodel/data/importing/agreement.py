@@ -72,7 +72,7 @@ def _numbers(options: Options) -> Iterator[str]:
         ("seconds_per_row", options.seconds_per_row, 1e-9, 1e9),
         ("cells_in_series", options.cells_in_series, 1, 10_000),
         ("parallel_cells", options.parallel_cells, 1, 10_000),
-        ("ambient", options.ambient, *AMBIENT_RANGE_DEGC),
+        *(("ambient", value, *AMBIENT_RANGE_DEGC) for value in (options.ambient, *options.ambients.values())),
     ):
         if value is not None and not low <= value <= high:
             todo = "correct it"

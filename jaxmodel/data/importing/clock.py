@@ -14,6 +14,8 @@ from jaxmodel.data.importing.logs import Log, spans
 
 # A restart of the clock goes on with the same run where the voltage goes on within so much [V] (assumed).
 _SAME_VOLTAGE = 0.15
+# What the resistance of a cell explains of the voltage's jump where the current steps as well [V], at most (assumed).
+_BY_RESISTANCE = 0.3
 # Rows that share their time with another, above which the clock is too coarse for the rows.
 _COARSE = 0.2
 # By how much a row at the time of the row before is moved, at most [s].
@@ -79,6 +81,10 @@ def _restarts(log: Log, where: str) -> Log:
     begins = np.isclose(log.time_s[back], log.time_s[0], atol=max(1.0, 0.02 * float(np.nanmax(log.time_s))))
     # A single row that is late goes back as well, and the next one is where it should be.
     stays = log.time_s[np.minimum(back + 1, log.rows - 1)] < log.time_s[back - 1]
+    # Parts that lie over each other in time cannot be put in its order: a clock that goes back to a mark between them.
+    over = _overlaps(log, back) & stays & ~begins
+    if over.any() and _voltage_goes_on(log, back[over]):
+        begins |= over
     restarts = back[begins & stays]
     if not restarts.size:
         return log
@@ -104,9 +110,10 @@ def _restarts(log: Log, where: str) -> Log:
     # The time of a step: the next one begins where the last one ended.
     offset = np.zeros(log.rows)
     ends = log.time_s[restarts - 1]
-    offset[restarts] = ends + np.where(
-        log.time_s[restarts] > 0.0, 0.0, np.minimum(1e-3, float(np.median(np.abs(steps))))
-    )
+    typical = float(np.median(np.abs(steps)))
+    offset[restarts] = ends + np.where(log.time_s[restarts] > 0.0, 0.0, np.minimum(1e-3, typical))
+    to_mark = np.isin(restarts, back[over])
+    offset[restarts[to_mark]] += typical - log.time_s[restarts[to_mark]]
     time_s = log.time_s + np.cumsum(offset)
     log = dataclasses.replace(log, time_s=time_s, time_is_of_step=False)
     return log.also(
@@ -127,12 +134,37 @@ def _resolution_lost(log: Log) -> bool:
     return bool(np.mean(np.diff(log.stamp_s) == 0.0) > _COARSE)
 
 
+def _overlaps(log: Log, back: np.ndarray) -> np.ndarray:
+    """Return whether the part that begins at each row lies over the part before it in time, by more than its first row.
+
+    Args:
+        log: with its times.
+        back: rows at which these go back.
+    """
+    edges = [0, *back.tolist(), log.rows]
+    found = []
+    for first, row, last in zip(edges, edges[1:], edges[2:], strict=False):
+        before, part = log.time_s[first:row], log.time_s[row:last]
+        found.append(np.sum((part >= before[0]) & (part <= before[-1])) > 1)
+    return np.array(found, dtype=bool)
+
+
 def _voltage_goes_on(log: Log, restarts: np.ndarray) -> bool:
+    """Return whether the voltage goes on over some rows, but for what the current's steps do to it there."""
     voltage = log.columns.get("voltage_V", log.columns.get("pack_voltage_V"))
     if voltage is None:
         return False
-    jumps = np.abs(voltage[restarts] - voltage[restarts - 1])
-    return bool(np.nanmedian(jumps) < _SAME_VOLTAGE) if np.isfinite(jumps).any() else False
+    jumps = voltage[restarts] - voltage[restarts - 1]
+    current = log.columns.get("current_A", log.columns.get("pack_current_A"))
+    if current is not None:
+        steps = current[restarts] - current[restarts - 1]
+        there = np.isfinite(jumps) & np.isfinite(steps)
+        power = float(steps[there] @ steps[there])
+        if np.sum(there) > 2 and power > 0.0:
+            most = _BY_RESISTANCE / float(np.max(np.abs(steps[there])))
+            resistance = float(np.clip(steps[there] @ jumps[there] / power, -most, most))  # the sign is not settled yet
+            jumps = jumps - resistance * np.where(there, steps, 0.0)
+    return bool(np.nanmedian(np.abs(jumps)) < _SAME_VOLTAGE) if np.isfinite(jumps).any() else False
 
 
 def _runs_of(log: Log) -> list[slice]:

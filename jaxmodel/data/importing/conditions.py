@@ -129,14 +129,14 @@ def with_specimens(logs: Sequence[Log], stated: Mapping[str, str]) -> list[Log]:
     if not stated:
         return list(logs)
     for name, pattern in stated.items():
-        if not any(_is_meant(log, pattern) for log in logs):
+        if not any(is_meant(log, pattern) for log in logs):
             files = listed(dict.fromkeys(log.source.name for log in logs), 6)
             raise MeasurementError(
                 f"specimen: no file is called '{pattern}'; correct the pattern of {name}. The files are {files}."
             )
     found = []
     for log in logs:
-        mine = [name for name, pattern in stated.items() if _is_meant(log, pattern)]
+        mine = [name for name, pattern in stated.items() if is_meant(log, pattern)]
         if log.specimen:
             raise MeasurementError(
                 f"{file_label(log.source)}: specimen: the file is of several motors by itself; choose one of them with "
@@ -152,7 +152,34 @@ def with_specimens(logs: Sequence[Log], stated: Mapping[str, str]) -> list[Log]:
     return found
 
 
-def _is_meant(log: Log, pattern: str) -> bool:
+def ambients_of(logs: Sequence[Log], stated: Mapping[str, float]) -> list[float | None]:
+    """Return the ambient temperature [degC] that the user states of each run; None where no pattern is its name.
+
+    Args:
+        logs: of the runs.
+        stated: by pattern of the files.
+
+    Raises:
+        MeasurementError: a pattern is of no file, or a file is of two.
+    """
+    for pattern in stated:
+        if not any(is_meant(log, pattern) for log in logs):
+            files = listed(dict.fromkeys(log.source.name for log in logs), 6)
+            raise MeasurementError(
+                f"ambient: no file is called '{pattern}'; correct the pattern. The files are {files}."
+            )
+    found: list[float | None] = []
+    for log in logs:
+        mine = {pattern: value for pattern, value in stated.items() if is_meant(log, pattern)}
+        if len(set(mine.values())) > 1:
+            said = " and ".join(f"{pattern}={value:g}" for pattern, value in mine.items())
+            raise MeasurementError(f"{file_label(log.source)}: ambient: it is of {said}; keep one of them.")
+        found.append(next(iter(mine.values()), None))
+    return found
+
+
+def is_meant(log: Log, pattern: str) -> bool:
+    """Return True if a pattern is the name of a run or of its file."""
     return any(fnmatch.fnmatchcase(name, pattern) for name in (log.name, log.source.stem, log.source.name))
 
 

@@ -19,10 +19,11 @@ from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
-from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, with_specimens
+from jaxmodel.data.importing.conditions import Condition, ambients_of, condition_of, specimens, with_specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
+from jaxmodel.data.importing.headers import of_siblings
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import copies, joined
 from jaxmodel.data.importing.listing import Listed, read_listing
@@ -139,11 +140,16 @@ def _read(
             found.append(Decision("list of files", "", file_label(path), "it names the other files", "file"))
         else:
             readings.append(path)
+    headers = of_siblings(readings, options)
     for path in readings:
         tell(f"reading {path.name}")
         stated = listed[path.name].inputs if path.name in listed else {}
         try:
-            logs += load(path, kind, options, ask, stated)
+            names, sibling = headers.get(path, ((), path))
+            logs += load(path, kind, options, ask, stated, names)
+            if names:
+                why = "it has no line of names, and as many columns"
+                found.append(Decision("names of columns", file_label(path), f"those of {sibling.name}", why, "file"))
         except NotALog as error:
             if len(readings) == 1:
                 raise
@@ -364,10 +370,12 @@ def _assembled(
     """Return runs with ambient temperature, state of charge, label and split, and what the case states."""
     warmed: list[tuple[Log, float | None]] = []
     stated = options.ambient
+    of_files = ambients_of(runs, options.ambients)
     contradicted = [] if stated is None else [*contradictions(runs, stated, kind == "cell")]
-    for run in runs:
+    for run, of_file in zip(runs, of_files, strict=True):
         of_list = listed.get(run.source.name)
-        run, ambient = with_ambient(run, stated, of_list.ambient_degC if of_list else None)
+        of_run = stated if of_file is None else of_file
+        run, ambient = with_ambient(run, of_run, of_list.ambient_degC if of_list else None)
         if ambient is None and "ambient_degC" not in run.columns:
             question = Question(
                 f"At which ambient temperature was {run.name} measured [degC]?", "--ambient DEGC", (), "23"
@@ -375,8 +383,8 @@ def _assembled(
             if ask is None:
                 raise MeasurementError(
                     f"{file_label(run.source)} has no ambient temperature, neither in a column nor in its "
-                    "name, and no thermometer; "
-                    "state --ambient DEGC."
+                    "name, and no thermometer; state --ambient DEGC, or that of some files: "
+                    f'--ambient "{run.source.stem}*=DEGC".'
                 )
             stated = _number(ask(question), question)
             run, ambient = with_ambient(run, stated, None)

@@ -34,6 +34,8 @@ from jaxmodel.data.tables.raw_table import to_numbers, units_in
 from jaxmodel.data.tables.times import date_and_time, parse_times
 from jaxmodel.data.tables.units import Conversion, conversion
 
+# How a file is read, as `Options` and `read_table` call it.
+FORM = ("sheet", "encoding", "delimiter", "decimal")
 _SAMPLE_ROWS = 2000
 _CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
@@ -70,8 +72,13 @@ class NotALog(MeasurementError):
 
 
 def load(
-    path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsewhere: Collection[str] = ()
-) -> list[Log]:  # fmt: skip
+    path: Path,
+    kind: Kind,
+    options: Options,
+    ask: Ask | None = None,
+    elsewhere: Collection[str] = (),
+    names: Sequence[str] = (),
+) -> list[Log]:
     """Read a file in the columns and units of a case: a log for each of its tables.
 
     Args:
@@ -80,6 +87,7 @@ def load(
         options: decisions of the user.
         ask: answers which column is meant where none is found.
         elsewhere: columns of the case that a list of files states.
+        names: of the columns of a file without a line of names.
 
     Raises:
         NotALog: none of its columns is one of the case; the sentence lists them.
@@ -108,7 +116,7 @@ def load(
         of_roles += [warm] if (warm := only_temperature(names, units)) else []
         return [*dict.fromkeys([*of_roles, *single_cells(names, units), *of_spectra(names), *bare_temperatures(names)])]
 
-    form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
+    form = {name: getattr(options, name) for name in FORM} | {"names": names}
     table = read_table(path, columns=keep, **form)
     motors = by_motor(table, options) if kind == "motor" else []
     if len(motors) > 1 or options.motors:

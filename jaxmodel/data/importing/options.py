@@ -33,6 +33,7 @@ class Options:
         specimens: by name of one of several motors or cells, which files are of it, as a pattern: `{"A": "motorA_*"}`.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.
+        ambients: the same of the files of a pattern: `{"*_10c*": 10.0}`.
         load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
             "rolling"; None for a torque if one is measured, else unknown.
         load_numbers: of that law, by name: `{"mass_kg": 0.5, "arm_m": 0.1}`.
@@ -75,6 +76,7 @@ class Options:
     specimens: Mapping[str, str] = dataclasses.field(default_factory=dict)
     check: tuple[str, ...] | None = None
     ambient: float | None = None
+    ambients: Mapping[str, float] = dataclasses.field(default_factory=dict)
     load: str | None = None
     load_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
     drive: str | None = None

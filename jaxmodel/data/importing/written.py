@@ -13,6 +13,7 @@ PAIRS = {
     "columns": 'NAME="COLUMN"',
     "units": "COLUMN=UNIT",
     "constants": "NAME=VALUE",
+    "ambients": "PATTERN=DEGC",
     "specimens": "NAME=PATTERN",
     "load_numbers": "LAW:NAME=VALUE,NAME=VALUE",
     "controller_numbers": "position:NAME=VALUE,NAME=VALUE",
@@ -20,13 +21,14 @@ PAIRS = {
 }
 LISTS = ("motors", "check", "flip", "sheet")
 _WITH_NUMBERS = ("load", "controller", "brushless")
-_OF_NUMBERS = ("constants", *(f"{name}_numbers" for name in _WITH_NUMBERS))
+_OF_NUMBERS = ("constants", "ambients", *(f"{name}_numbers" for name in _WITH_NUMBERS))
 NUMBERS = ("rest_minutes", "ambient", "initial_soc", "capacity_Ah", "seconds_per_row")
 FLAGS = ("each_cell",)
 COUNTS = ("cells_in_series", "parallel_cells")
 # Options of the command that are not called as their field.
 _CALLED = {
     "columns": "column", "units": "unit", "constants": "constant", "specimens": "specimen", "motors": "motor",
+    "ambients": "ambient",
     "capacity_Ah": "capacity", "load_numbers": "load", "controller_numbers": "controller",
     "brushless_numbers": "brushless",
 }  # fmt: skip
@@ -53,6 +55,7 @@ def options_of(given: Mapping[str, Any]) -> Options:
         said, colon, numbers = str(given.get(name, "")).partition(":")
         if colon:
             given |= {name: said.strip(), f"{name}_numbers": numbers}
+    given |= _ambients(given.get("ambient"))
     taken: dict[str, Any] = {}
     for name, value in given.items():
         if name in PAIRS and not isinstance(value, Mapping):
@@ -61,7 +64,7 @@ def options_of(given: Mapping[str, Any]) -> Options:
             value = {key: _number(one, f"{option_of(name)} {key}") for key, one in value.items()}
         if name in LISTS:
             value = tuple(_several(cast(Any, value)))
-        if name in NUMBERS:
+        if name in NUMBERS and value is not None:
             value = _number(value, option_of(name))
         if name in COUNTS:
             value = _count(value, option_of(name))
@@ -69,6 +72,20 @@ def options_of(given: Mapping[str, Any]) -> Options:
             value = value in (True, "yes")
         taken[name] = value
     return Options(**taken)
+
+
+def _ambients(value: Any) -> dict[str, Any]:
+    """Return the ambient temperature of all runs and those of some files, which one option gives."""
+    if not isinstance(value, (str, list, tuple)) or (isinstance(value, str) and "=" not in value):
+        return {}
+    texts = _several(value)
+    of_some = [text for text in texts if "=" in text]
+    of_all = [text for text in texts if "=" not in text]
+    if len(of_all) > 1:
+        raise MeasurementError(
+            f"--ambient {' and '.join(of_all)}: all runs have one; name the files of each: PATTERN=DEGC."
+        )
+    return {"ambient": of_all[0] if of_all else None, **({"ambients": of_some} if of_some else {})}
 
 
 def _several(value: str | Sequence[str]) -> list[str]:

@@ -58,7 +58,7 @@ def read_labview(path: Path, encoding: str | None = None) -> RawTable:
     separator = "," if _value(general, "Separator").lower() == "comma" else "\t"
     decimal = _value(general, "Decimal_Separator") or "."
     x_columns = _value(general, "X_Columns").lower() or "one"
-    segments = _segments(body, separator, label)
+    segments = _segments(body, separator, label, _described(head))
     many = [_table(segment, x_columns == "no", decimal) for segment in segments]
     first = many[0].columns
     same = [table for table in many if list(table) == list(first)]
@@ -97,8 +97,22 @@ def _value(header: dict[str, list[str]], key: str) -> str:
     return field.strip() or ("," if key == "Decimal_Separator" else "")
 
 
-def _segments(body: str, separator: str, label: str) -> list[_Segment]:
+def _described(head: str) -> list[str]:
+    """Return the columns that the description of a header lists: 'Columns are: time, current, and voltage'."""
+    found = re.search(r"^Description[\t,][^:\n]*:(.*)$", head, re.MULTILINE)
+    if found is None:
+        return []
+    return [re.sub(r"^and\s+", "", part.strip()) for part in re.split(r"[,;]", found[1])]
+
+
+def _segments(body: str, separator: str, label: str, described: Sequence[str]) -> list[_Segment]:
     """Return the segments of a file below its first header.
+
+    Args:
+        body: below the first header.
+        separator: of fields.
+        label: of the file, in messages.
+        described: names of columns, of a table that has none.
 
     Raises:
         MeasurementError: there is none with rows.
@@ -116,7 +130,7 @@ def _segments(body: str, separator: str, label: str) -> list[_Segment]:
         )
         table, following = (rows, []) if begin is None else (rows[:begin], rows[begin:])
         if len(table) > 1:
-            found.append(_segment(pending, table, separator))
+            found.append(_segment(pending, table, separator, described))
         pending = following
     if not found:
         raise MeasurementError(
@@ -125,9 +139,13 @@ def _segments(body: str, separator: str, label: str) -> list[_Segment]:
     return found
 
 
-def _segment(header: Sequence[str], table: Sequence[str], separator: str) -> _Segment:
+def _segment(header: Sequence[str], table: Sequence[str], separator: str, described: Sequence[str]) -> _Segment:
     fields = {line.split(separator)[0].strip(): line.split(separator)[1:] for line in header if line.strip()}
     names = [name.strip() for name in table[0].split(separator)]
+    if np.isfinite(to_numbers(pd.Series(names, dtype="string"))).all():  # the first row is one of readings already
+        table = ["", *table]
+        nameless = [f"column {number}" for number in range(1, len(names) + 1)]
+        names = [*described] if len(described) == len(names) else nameless
     width = max(len(names), *(line.count(separator) + 1 for line in table[1:50]))
     names += [""] * (width - len(names))
     rows = pd.read_csv(

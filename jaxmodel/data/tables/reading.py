@@ -9,6 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -28,7 +29,7 @@ from jaxmodel.data.tables.long_tables import form_of_long, read_long
 from jaxmodel.data.tables.matlab import read_matlab
 from jaxmodel.data.tables.mavlink import read_mavlink
 from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
-from jaxmodel.data.tables.raw_table import RawTable
+from jaxmodel.data.tables.raw_table import RawTable, unique_names, units_in
 from jaxmodel.data.tables.ros import SUFFIXES as ROS
 from jaxmodel.data.tables.ros import read_ros
 from jaxmodel.data.tables.serial_monitor import is_serial_monitor, without_arrows
@@ -62,6 +63,7 @@ def read_table(
     encoding: str | None = None,
     delimiter: str | None = None,
     decimal: str | None = None,
+    names: Sequence[str] = (),
 ) -> RawTable:
     """Read the table of a bench's file of any format; nothing is renamed or converted.
 
@@ -75,6 +77,7 @@ def read_table(
         encoding: of text; by default found.
         delimiter: of text; by default found.
         decimal: of text, '.' or ','; by default found.
+        names: of the columns, for a file without a line of names.
 
     Returns:
         The columns under the names of the file, their units, and remarks on how it was read.
@@ -88,6 +91,10 @@ def read_table(
         ['time_s', 'current_A']
     """
     path = Path(path)
+    if names:
+        as_text: dict[str, Any] = {"sheet": sheet, "encoding": encoding, "delimiter": delimiter, "decimal": decimal}
+        whole = _named(read_table(path, rows=rows, **as_text), names)
+        return _as_known(_selected(whole, _keeper(columns, path), rows))
     if path.is_dir():
         raise MeasurementError(f"{file_label(path)} is a folder; name the files in it.")
     if not path.is_file():
@@ -201,6 +208,20 @@ def _keeper(columns: Collection[str] | Keep | None, path: Path) -> Keep | None:
         return wanted
 
     return keep
+
+
+def _named(table: RawTable, names: Sequence[str]) -> RawTable:
+    """Return a table whose columns have no names with these.
+
+    Raises:
+        MeasurementError: it has another number of columns.
+    """
+    if len(names) != len(table.frame.columns):
+        raise MeasurementError(
+            f"{table.label} has {len(table.frame.columns)} columns, and {len(names)} names are given."
+        )
+    frame = table.frame.set_axis(unique_names(names), axis=1)
+    return dataclasses.replace(table, frame=frame, units=units_in(map(str, frame)))
 
 
 def _selected(table: RawTable, keep: Keep | None, rows: int | None) -> RawTable:

@@ -66,3 +66,16 @@ def test_a_header_without_rows_is_said(tmp_path: Path):
         MeasurementError, match="header of LabVIEW and no rows of readings; export the measurement again"
     ):
         read_table(path)
+
+
+@pytest.mark.parametrize("described", [True, False])
+def test_readings_without_names_are_named_by_the_description(tmp_path: Path, described: bool):
+    head = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tOne"]
+    head += ["Description\tClolumns are: time, Current, and Voltage"] if described else []
+    rows = [f"{t:.3f}\t{i:.4f}\t{u:.6f}" for t, i, u in zip(LVM_TIME_S, LVM_CURRENT, LVM_VOLTAGE, strict=True)]
+    path = tmp_path / "bench.txt"
+    path.write_text("\n".join([*head, "***End_of_Header***\t", "\t", *rows]))
+    frame = read_table(path).frame
+    assert list(frame) == (["time", "Current", "Voltage"] if described else ["column 1", "column 2", "column 3"])
+    np.testing.assert_allclose(frame.iloc[:, 2], LVM_VOLTAGE, atol=1e-6)
+    assert len(frame) == LVM_TIME_S.size, "the first row is one of readings"
