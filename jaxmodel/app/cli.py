@@ -384,6 +384,24 @@ def mission(
     mission(plan, out, model or [], age or [], pictures=not answer_only)
 
 
+@app.command(epilog="Example: jaxmodel fetch nissan_leaf")
+def fetch(
+    name: Annotated[
+        str | None, typer.Argument(help="Of the set; without one, all are listed.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="For its files; by default called like it.", show_default=False)
+    ] = None,
+) -> None:
+    """Fetch a public data set by its name, checked and kept in the cache, and show its licence."""
+    from jaxmodel.app.commands.fetch import fetch_to, list_sets
+
+    if name is None:
+        list_sets()
+    else:
+        fetch_to(name, out)
+
+
 @app.command(epilog="Example: jaxmodel export examples/samsung_30q --to c --out samsung_30q.c")
 def export(
     case: CasePath,
