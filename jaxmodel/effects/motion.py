@@ -239,3 +239,33 @@ class FlexibleShaft(Effect):
     def _damping(self, context: MotorContext) -> Scalar:
         """Return the damping, which acts where the spring does."""
         return jnp.where(jnp.abs(context.state[f"{self.name}.twist_rad"]) >= 0.5 * self.gap, self.d, 0.0)
+
+
+class Cogging(Effect):
+    """Magnets pull the rotor towards its teeth: a torque that swings with its angle, and does no work over a turn.
+
+    The fundamental of the torque's Fourier series over a turn. J. F. Gieras, Permanent Magnet Motor Technology, 3rd
+    ed., 2010, section 6.3: its periods for a turn of the motor are the least common multiple of slots and poles. Rows
+    must be closer than a quarter of a period, or it averages out.
+    """
+
+    name: ClassVar[str] = "cogging"
+    kinds: ClassVar[tuple[str, ...]] = ("motor",)
+    equation: ClassVar[str] = "tau_l += c_s sin(n theta) + c_c cos(n theta)"
+    is_candidate: ClassVar[bool] = False
+    c_s: Scalar = parameter(
+        0.001, unit="N m", meaning="part in phase with the position", null=0.0, lower=-1e3, upper=1e3,
+        typical=(-0.01, 0.01), scales="torque",
+    )  # fmt: skip
+    c_c: Scalar = parameter(
+        0.0, unit="N m", meaning="part a quarter of a period ahead", lower=-1e3, upper=1e3, typical=(-0.01, 0.01),
+        scales="torque",
+    )  # fmt: skip
+    n: Scalar = parameter(
+        12.0, unit="", meaning="periods for a turn of the position", lower=1.0, upper=1e5, typical=(6.0, 84.0)
+    )
+
+    def load_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add the torque at the position of the motor."""
+        angle = self.n * context.position_rad
+        return value + self.c_s * jnp.sin(angle) + self.c_c * jnp.cos(angle)
