@@ -11,7 +11,7 @@ import numpy as np
 from jaxmodel.fit.coordinates import REACH_OF_ALL
 from jaxmodel.fit.gauss_newton import FLAT, Point, descend
 from jaxmodel.fit.likelihood import Likelihood, from_errors, from_tolerances
-from jaxmodel.fit.linearisation import Linearisation, log_evidence, solved
+from jaxmodel.fit.linearisation import Linearisation, inverse, log_evidence, solved
 from jaxmodel.fit.space import ModelSpec, View
 
 # Amplitudes tried for a curve, in units of its usual size; the smallest is none: it moves no prediction by what a
@@ -85,7 +85,7 @@ class Fit:
     @functools.cached_property
     def covariance(self) -> np.ndarray:
         """Return the covariance of the free unknowns' coordinates, (k, k): the tempered posterior."""
-        return np.linalg.inv(self.gram.square + np.diag(self.spec.precision))
+        return inverse(self.gram.square, self.spec.precision)
 
     @functools.cached_property
     def sd(self) -> np.ndarray:
@@ -231,9 +231,9 @@ def _alike(before: tuple[Likelihood, ModelSpec], after: tuple[Likelihood, ModelS
 def degrees_of_freedom(linear: Linearisation, likelihood: Likelihood, spec: ModelSpec) -> dict[str, float]:
     """Return how many of each channel's independent readings the unknowns used: the trace of its hat matrix."""
     whole = linear.under(likelihood)
-    inverse = np.linalg.inv(whole.square + np.diag(spec.precision))
+    covariance = inverse(whole.square, spec.precision)
     return {
-        name: float(np.sum(inverse * gram.square)) * likelihood.channels[name].root ** 2
+        name: float(np.sum(covariance * gram.square)) * likelihood.channels[name].root ** 2
         for name, gram in linear.by_channel.items()
     }
 

@@ -151,6 +151,12 @@ def solved(square: np.ndarray, aim: np.ndarray, precision: np.ndarray) -> np.nda
     return np.asarray(cho_solve(_factor(square, precision), aim, check_finite=False))
 
 
+def inverse(square: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return (J'J + L)^-1 (k, k), L the precision (k,) of the priors: the covariance of the coordinates."""
+    found = np.asarray(cho_solve(_factor(square, precision), np.eye(len(square)), check_finite=False))
+    return 0.5 * (found + found.T)
+
+
 def _factor(square: np.ndarray, precision: np.ndarray):
     held = square.copy()
     held.flat[:: len(held) + 1] += precision + ROUNDING * np.diag(square)

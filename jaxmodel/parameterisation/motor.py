@@ -196,6 +196,8 @@ def _extracted(
     points = {name: table for name, table in points.items() if len(table)}
     tell("output error of the forward model")
     said, found, error = _refined(_case(case, found, turning, noise), found, lags)
+    if all(rows.current_A is None for rows in runs):
+        said, found = _by_resistance(said, found)
     return Parameterisation(said, tuple(found), points, _remarks(turning)), error
 
 
@@ -241,6 +243,26 @@ def _refined(case: Case, found: list[Extraction], lags: bool) -> tuple[Case, lis
             one = dataclasses.replace(one, value=sign * better.values[one.name], sd=sd, method=method)
         said.append(one)
     return refined_case(case, names, better), said, better.after
+
+
+def _by_resistance(case: Case, found: Sequence[Extraction]) -> tuple[Case, list[Extraction]]:
+    """Return a case and extractions whose sd say what an unknown resistance leaves open.
+
+    Voltage and speed tell k/R and J R/k^2: of a torque in N m nothing is known but by R_0.
+    """
+    resistance = next((one for one in found if one.name == "R_0" and not one.found), None)
+    if resistance is None:
+        return case, list(found)
+    share = resistance.sd / resistance.value if math.isfinite(resistance.sd) else 1.0
+    terms, parameters, told = {"tau_0", "J", "viscous friction b", "windage c", "L_a"}, dict(case.parameters), []
+    for one in found:
+        if one.name in terms and one.found:
+            why = f"{one.method}; in proportion to {'' if one.name == 'L_a' else '1 / '}R_0, which no reading tells"
+            one = dataclasses.replace(one, sd=max(one.sd, share * abs(one.value)), method=why)
+            if one.name in parameters:
+                parameters[one.name] = Known(one.value, one.sd)
+        told.append(one)
+    return dataclasses.replace(case, parameters=parameters), told
 
 
 def _unseen_heat(case: Case) -> float:

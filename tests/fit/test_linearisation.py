@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 from jaxmodel.fit.data import PIECES, FitData
 from jaxmodel.fit.likelihood import ChannelWeight, Likelihood
-from jaxmodel.fit.linearisation import Gram, Linearisation, log_evidence, solved
+from jaxmodel.fit.linearisation import Gram, Linearisation, inverse, log_evidence, solved
 
 NAMES = ("voltage_V", "soc", "cell_temperature_degC")
 ROWS, RUNS, SIZE = 40, 2, 5
@@ -132,3 +132,11 @@ def test_errors_of_left_out_blocks_are_those_of_refits(made: Made):
     found = made.linear.left_out(WEIGHTS, PRECISION)
     for name in ("voltage_V", "cell_temperature_degC"):
         assert found[name] == pytest.approx(np.mean(squares[made.data.channel == NAMES.index(name)]))
+
+
+def test_the_covariance_is_the_inverse_and_is_there_where_rounding_leaves_nothing(made: Made):
+    whole = made.linear.under(WEIGHTS)
+    expected = np.linalg.inv(whole.square + np.diag(PRECISION))
+    np.testing.assert_allclose(inverse(whole.square, PRECISION), expected, rtol=1e-6, atol=1e-12)
+    alike = np.full((2, 2), 1e18)  # of two unknowns that do the same
+    assert np.isfinite(inverse(alike, np.ones(2))).all()

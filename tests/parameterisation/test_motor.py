@@ -78,6 +78,17 @@ def test_without_a_current_and_a_load_the_resistance_is_not_in_the_data() -> Non
     assert found["k_tau"].value == pytest.approx(made.MOTOR["k_tau"], rel=0.05)
 
 
+def test_torques_of_a_motor_of_unknown_resistance_are_known_as_sizes_only() -> None:
+    """Voltage and speed tell J R/k^2: with half the resistance the inertia is twice as large."""
+    frame = made.measured_motor(columns=("speed_rad_s",), load=0.0)
+    found = parameterise(Case.from_dataframes({"steps": frame}, kind="motor"))
+    for name in ("J", "tau_0"):
+        assert found[name].sd >= 0.99 * found[name].value
+        assert "in proportion to 1 / R_0, which no reading tells" in found[name].method
+        assert found.case.parameters[name].sd == pytest.approx(found[name].sd, rel=0.01)
+    assert found["k_tau"].sd < 0.1 * found["k_tau"].value
+
+
 def test_a_known_torque_constant_gives_the_resistance_that_one_speed_does_not() -> None:
     """At one speed V = R i + k w has one equation for two numbers: R is (V - k w) / i, as sure as k is."""
     random = np.random.default_rng(4)

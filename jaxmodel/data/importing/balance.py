@@ -93,7 +93,7 @@ def _odd_one(amounts: Sequence[Amount]) -> Amount | None:
 
 
 def starts(
-    found: Sequence[Count], first: Sequence[Stated], capacity: Stated
+    found: Sequence[Count], first: Sequence[Stated], capacity: Stated, known: bool
 ) -> tuple[list[Stated], Stated, list[Finding]]:
     """Return starts and capacity with sds that cover what goes in and comes out, and what is said of it.
 
@@ -104,7 +104,10 @@ def starts(
         found: the charge of each run.
         first: the start of each.
         capacity: of the cell.
+        known: whether it comes from a full discharge or from the user: a guess contradicts nothing.
     """
+    if not known:
+        return [*first], capacity, []
     curve = rest_curve(found, first, capacity.value)
     result, said, most = list(first), [], 0.0
     for number, (count, start) in enumerate(zip(found, first, strict=True)):

@@ -220,7 +220,7 @@ def _count(run: Log, ambient_degC: float | None, of_full: _Full, low: float, flo
     with np.errstate(invalid="ignore"):
         full = resting & (voltage >= of_full.rests_V)
         most = _MOST_EMPTY_LFP_V if flat else _MOST_EMPTY_V
-        empty = (voltage <= min(low + _EMPTY_V, most)) & (current > 0.1 * largest)
+        empty = (voltage <= min(low + _EMPTY_V, most)) & (current > 0.0) & ~resting
         ends = _charged(run)
         full[ends[voltage[ends] >= of_full.charged_V]] = True
     full[_tapered(run)] = True

@@ -412,7 +412,7 @@ def _assembled(
             conditions = [dataclasses.replace(one, cycles=None) for one in conditions]
         general += ageing.told(cycles, [one.cycles for one in conditions])
         capacity, apart = (ageing.as_aged(capacity, left), faded) if faded else balance.capacities(counts, capacity)
-        first, capacity, unbalanced = balance.starts(counts, first, capacity)
+        first, capacity, unbalanced = balance.starts(counts, first, capacity, full)
         general += [*apart, *unbalanced]
         known = {count.run.name: start for count, start in zip(counts, first, strict=True)}
         starts = [known.get(run.name) for run, _ in warmed]

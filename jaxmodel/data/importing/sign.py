@@ -143,8 +143,9 @@ def _with_state(log: Log, state: np.ndarray, what: str) -> Log:
         return log
     if _of_one_sign(current):
         size = np.abs(current)
-        # Where the state tells no direction, as in a step of constant voltage, the file's own number stays.
-        signed = np.where(charge, -size, np.where(discharge, size, current))
+        # Where the state tells no direction, as in a step of constant voltage, the file's own number stays. The small
+        # current at the end of a charge has its state too.
+        signed = np.where(state > 0.0, -size, np.where(state < 0.0, size, current))
         value, why = "positive on discharge, by state", f"the current has no sign in the file, and {what} tells it"
     else:
         against = int(np.sum(current[discharge] < 0.0) + np.sum(current[charge] > 0.0))

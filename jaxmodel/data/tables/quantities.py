@@ -119,7 +119,7 @@ QUANTITIES: dict[str, Quantity] = {
             "batt voltage, bat volt, vbat, vbatt, vpack, v pack, battery, bat, batt, pack"
         ),
         _of("voltage volts spannung 电压 ewe ecell tension tensión tensao tensão tensione voltaje"),
-        without=WANTED | _COUNTED | _SENSORS | _of("group aux open ocv"),
+        without=WANTED | _COUNTED | _SENSORS | _of("group aux open ocv supply lsupply"),
         with_unit=_PACK,
     ),
     "state": Quantity(

@@ -56,6 +56,8 @@ def thinned_rows(measured: Measured, most: int) -> Measured:
         return measured
     in_window = _windows(measured, most)
     edges = np.flatnonzero(np.diff(in_window.astype(int)))
+    if not edges.size:  # windows so close that they are the whole run
+        return measured
     parts = [_rows(measured, slice(0, edges[0] + 1))]
     gaps_s = float(np.sum(np.diff(measured.time_s)[~in_window[1:]]))
     longest_s = 2.0 * gaps_s / ((1.0 - _IN_WINDOWS) * most)

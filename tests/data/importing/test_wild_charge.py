@@ -327,3 +327,10 @@ def test_a_rest_gets_one_sentence(tmp_path: Path):
     one = imported(tmp_path, discharge=cell(FULL, 1.0), rest=rest)
     (said,) = [finding.sentence for finding in one.findings if finding.where == "rest"]
     assert "no current flows in it" in said
+
+
+def test_a_guessed_capacity_accuses_no_sensor(tmp_path: Path):
+    """From empty to full, and what comes out again nobody has seen."""
+    one = imported(tmp_path, log=cell([(600.0, 0.0), (7000.0, -1.0), (600.0, 0.0)], 0.02))
+    assert not one.capacity_known
+    assert not sentences(one, "charge balance")

@@ -88,3 +88,8 @@ def test_the_model_reads_the_same_in_the_windows():
 def test_short_cases_are_not_touched():
     measured = drive(5 * WINDOW)
     assert thinned_rows(measured, 5 * WINDOW) is measured
+
+
+def test_a_run_whose_windows_are_all_of_it_stays():
+    measured = drive(250)
+    assert thinned_rows(measured, 200) is measured
