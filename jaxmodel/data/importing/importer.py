@@ -26,6 +26,7 @@ from jaxmodel.data.importing.formulas import unmatched
 from jaxmodel.data.importing.headers import of_siblings
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import copies, joined
+from jaxmodel.data.importing.limits import by_limits
 from jaxmodel.data.importing.listing import Listed, read_listing
 from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log, columns_of
@@ -400,7 +401,7 @@ def _assembled(
     capacities: dict[str, charge.Stated | None] = {}
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":
-        counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
+        counts = by_limits(charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions]))
         capacity, full = charge.capacity_of(counts, options.capacity_Ah, _of_preset(options.preset))
         first = charge.starts_of(counts, capacity, full)
         general += charge.against_the_log(counts, first, capacity, full)

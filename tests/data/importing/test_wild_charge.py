@@ -334,3 +334,33 @@ def test_a_guessed_capacity_accuses_no_sensor(tmp_path: Path):
     one = imported(tmp_path, log=cell([(600.0, 0.0), (7000.0, -1.0), (600.0, 0.0)], 0.02))
     assert not one.capacity_known
     assert not sentences(one, "charge balance")
+
+
+# Limits that a tester turns at
+
+
+def cycled(low: float, high: float, capacity_Ah: float = 2.0, times: int = 3, tail: bool = True) -> pd.DataFrame:
+    """A cell whose voltage rises with its charge from one limit to the other, from the middle upwards."""
+    hour = 3600.0 * capacity_Ah
+    turns = [(600.0, 0.0), (0.5 * hour, -1.0), *[(600.0, 0.0), (hour, 1.0), (600.0, 0.0), (hour, -1.0)] * times]
+    current = np.concatenate([np.full(int(seconds / 20.0), ampere) for seconds, ampere in turns])
+    soc = 0.5 - np.cumsum(current) * 20.0 / 3600.0 / capacity_Ah
+    volts = low + (high - low) * (soc + 0.1 * np.sin(7.0 * soc)) - 0.005 * current
+    rows = slice(None) if tail else slice(0, int(1.2 * hour / 20.0))
+    return pd.DataFrame({"time_s": 20.0 * np.arange(current.size), "current_A": current, "voltage_V": volts})[rows]
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.05, 1.0), (1.3, 3.8), (1.5, 2.7)])
+def test_limits_of_any_chemistry_tell_the_capacity(tmp_path: Path, low: float, high: float):
+    """A half-cell, one of sodium, one of LTO: no voltage of theirs is that of a full cell of another kind."""
+    one = imported(tmp_path, log=cycled(low, high))
+    assert one.capacity is not None
+    assert one.capacity.value == pytest.approx(2.0, rel=0.02)
+    assert one.capacity_known
+    start = one.runs[0].start
+    assert start is not None
+    assert start.value == pytest.approx(0.5, abs=0.03)
+
+
+def test_one_charge_and_one_discharge_are_no_limits(tmp_path: Path):
+    assert not imported(tmp_path, log=cycled(0.05, 1.0, tail=False)).capacity_known
