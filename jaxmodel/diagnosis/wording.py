@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxmodel.base.units import difference_unit, readable, split_unit
 from jaxmodel.case.specimens import in_words
-from jaxmodel.diagnosis.headline import STRONG, Doubt, above_tolerance, failing_runs, reservations
+from jaxmodel.diagnosis.headline import STRONG, Doubt, above_tolerance, failing_runs, reservations, undetectable
 from jaxmodel.diagnosis.result import (
     ChannelError,
     CurveFound,
@@ -120,7 +120,9 @@ def _found(diagnosis: Diagnosis, named: str, model: str) -> str:
         case "unknown_effect":
             besides = f"besides {named}, the" if named else "the"
             what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""
-            return f"{besides} {model} lacks something that no effect of the catalogue explains{what}."
+            hidden = len(undetectable(diagnosis))
+            untold = f" ({hidden} of them would not show in these data)" if hidden else ""
+            return f"{besides} {model} lacks something that no effect of the catalogue explains{untold}{what}."
         case "undecided" if diagnosis.unexplained:
             return f"The {model} predicts the fit runs, but not the check runs: {diagnosis.unexplained.rstrip('.')}."
         case "undecided":

@@ -28,6 +28,7 @@ from jaxmodel.parameterisation.rows import Rows, rows_of
 
 LEAST_ROWS = 30
 MOVED_SOC = 0.01  # of a start, from which that is said
+MOVED = 0.005  # of a capacity, as a share, from which that is said
 # Numbers of effects, by what they are told as: their unit, and how they are found.
 TOLD = {
     "self_heating.C_th": ("C_th", "J/K", "heating and cooling of one node under the losses of the model"),
@@ -178,7 +179,11 @@ def _capacity(drawn: Extraction, case: Case) -> Extraction:
     now = case.parameters["capacity_Ah"]
     if now.sd is None:
         return drawn
-    method = f"{drawn.method}; then {REFIT}" if drawn.found else drawn.method
+    method = drawn.method
+    if drawn.found:
+        method += f"; then {REFIT}"
+    elif abs(now.value / drawn.value - 1.0) > MOVED:
+        method += f", {drawn.value:.4g} {drawn.unit}, and moved by the {REFIT}"
     return dataclasses.replace(drawn, value=now.value, sd=now.sd, method=method)
 
 

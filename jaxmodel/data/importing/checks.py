@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -22,6 +23,8 @@ _NOTED_RESOLUTION = {"V": 0.004, "degC": 0.4, "A": 0.2}
 # A limit is met so often, for so many rows at a time, by a reading that was moving.
 _VISITS, _ROWS_AT_LIMIT = 3, 5
 _MOST_ROWS = 2_000_000
+# A thermometer that never reads more is none: no bench is colder (assumed), and an input without a sensor is.
+_COLDEST_DEGC = -60.0
 # Ranges beyond which a unit is wrong, by column.
 _POSSIBLE = {
     "voltage_V": (0.0, 1000.0),
@@ -30,6 +33,28 @@ _POSSIBLE = {
     "winding_temperature_degC": (-60.0, 250.0),
     "case_temperature_degC": (-60.0, 250.0),
 }
+
+
+def without_unconnected(run: Log) -> Log:
+    """Return a run without thermometers that are not there: their input reads far below what any bench has."""
+    off = {
+        name: float(np.nanmax(values))
+        for name, values in run.columns.items()
+        if name.endswith("_degC") and np.isfinite(values).any() and np.nanmax(values) < _COLDEST_DEGC
+    }
+    if not off:
+        return run
+    said = [
+        Finding(
+            "no thermometer",
+            run.name,
+            f"{run.name}: {name} reads {value:.0f} degC at most: no thermometer is connected; the column is left out.",
+            "warning",
+            name,
+        )
+        for name, value in off.items()
+    ]
+    return dataclasses.replace(run, columns={n: v for n, v in run.columns.items() if n not in off}).also(*said)
 
 
 def odd_things(run: Log, kind: str) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from jaxmodel.data.importing import ageing, balance, charge, warm_start
 from jaxmodel.data.importing.agreement import checked
 from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of_motors
-from jaxmodel.data.importing.checks import odd_things
+from jaxmodel.data.importing.checks import odd_things, without_unconnected
 from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, ambients_of, condition_of, specimens, with_specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
@@ -120,7 +120,7 @@ def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | No
         for run in runs
     ]
     tell(f"checking {len(runs)} runs")
-    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, known)]
+    runs = [run.also(*odd_things(run, kind)) for run in without_outliers([*map(without_unconnected, runs)], known)]
     return _assembled(runs, kind, options, ask, listed, general)
 
 

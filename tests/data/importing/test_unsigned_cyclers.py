@@ -54,3 +54,11 @@ def test_the_supply_of_a_charger_is_no_voltage_of_the_cell(tmp_path: Path):
     frame = log.rename(columns={"voltage_V": "AvgCellVolts", "current_A": "Amps"})
     found = imported(tmp_path, frame.assign(LSupplyVolts=15.0, SupplyVolts=15.0))
     np.testing.assert_allclose(found.runs[0].log.columns["voltage_V"], log.voltage_V)
+
+
+def test_an_input_without_a_thermometer_is_left_out(tmp_path: Path):
+    log = cell([(600, 0.0), (3600, 2.0), (600, 0.0)])
+    found = imported(tmp_path, log.assign(cell_temperature_degC=-75.0 - 0.1 * (log.index % 3)))
+    assert "cell_temperature_degC" not in found.runs[0].log.columns
+    (said,) = [one.sentence for one in found.findings if one.what == "no thermometer"]
+    assert "reads -75 degC at most: no thermometer is connected" in said
