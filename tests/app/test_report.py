@@ -312,7 +312,7 @@ def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
     [
         ("adequate", None, "no missing effect"),
         ("sensor_fault", None, "sensor may be faulty: "),
-        ("unknown_effect", "a torque that grows with speed", "catalogue explains: a torque that grows with speed."),
+        ("unknown_effect", "a torque that grows with speed", "show in these data): a torque that grows with speed."),
         ("undecided", None, "do not distinguish between"),
         ("undecided", "Check runs are far off.", "not the check runs: Check runs are far off."),
         ("", None, "no effects were tested"),
