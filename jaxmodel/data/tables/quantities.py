@@ -101,7 +101,7 @@ QUANTITIES: dict[str, Quantity] = {
             "current, i, amps, cell current, battery current, measured current, current measured, amp, "
             "amperes, cur, strom,"
             "stromstärke, courant, corriente, corrente, intensidad, intensité, i cell, i batt, i bat, i battery,"
-            "current ampere, im, 电流, 电流值, curr,"
+            "current ampere, im, 电流, 电流值, curr, i inst, iinst, i avg, iavg,"
             "pack current, bat current, batt current, bat curr, ibat, ipack, i pack, battery, bat, batt, pack"
         ),
         _of("current amps strom 电流 curr corrente corriente courant"),
@@ -115,7 +115,7 @@ QUANTITIES: dict[str, Quantity] = {
             "measured voltage, voltage measured, spannung, zellspannung, tension, tensión, tensao, tensão, tensione,"
             "voltaje, potential, u cell, u batt, "
             "v batt, v cell,"
-            "voltage volt, vf, 电压, 电压值, ewe v, pack voltage, total voltage, sum voltage, bat voltage,"
+            "voltage volt, vf, 电压, 电压值, ewe v, v tot, vtot, pack voltage, total voltage, sum voltage, bat voltage,"
             "batt voltage, bat volt, vbat, vbatt, vpack, v pack, battery, bat, batt, pack"
         ),
         _of("voltage volts spannung 电压 ewe ecell tension tensión tensao tensão tensione voltaje"),
