@@ -136,9 +136,11 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
             if known.sd is not None:
                 add(name, known, info(name), number)
     if not coordinates:
+        example = (
+            "R_0 = { value = 0.1, sd = 0.05 }" if case.kind == "motor" else "capacity_Ah = { value = 5.2, sd = 0.15 }"
+        )
         raise FitError(
-            f"{case.label}: nothing to calibrate; give at least one parameter an uncertainty, "
-            f"as in capacity_Ah = {{ value = 5.2, sd = 0.15 }}."
+            f"{case.label}: nothing to calibrate; give at least one parameter an uncertainty, as in {example}."
         )
     for number, run in enumerate(case.runs):
         for name, known in _starts(case, number).items():
