@@ -20,7 +20,8 @@ def test_spoilt_words_break_no_command(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["start", "log.csv", "--ambient", "warm"], "it must be a number"),
+        (["start", "log.csv", "--capacity", "large"], "it must be a number"),
+        (["start", "log.csv", "--ambient", "warm"], "--ambient: 'warm' is not a number; correct it."),
         (["sensitivity", "study.toml", "--count", "many"], "it must be a whole number"),
         (["simulate", "x" * 5000], " ... "),
     ],
