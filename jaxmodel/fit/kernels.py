@@ -59,9 +59,8 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[list[
         "laws": np.stack([lane.laws for lane in lanes]),
     }
     own = ready.kernel.own(values, len(lanes))
-    packets = max(1, ready.kernel.filled(len(lanes)) // ready.kernel.lanes // max(1, pool.threads))
     jobs = [
-        pool.start(ready.kernel, shared, own, len(lanes), packets, run.sizes)
+        pool.start(ready.kernel, shared, own, len(lanes), 1, run.sizes)
         for run, shared in zip(problem.by_run, ready.shared, strict=True)
     ]
     return [job.raw() for job in jobs]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -56,31 +55,14 @@ def _by_vectors(problem: Problem, lanes: Sequence[Lane]) -> list[list[np.ndarray
     if jax.default_backend() != "cpu":
         return None
     try:
-        return kernels.predicted(problem, lanes, _of_this_thread if _share_the_cores() else _of_all_cores())
+        return kernels.predicted(problem, lanes, _pool())
     except NotNative:  # an effect of the user's, most likely
         return None
 
 
 @functools.cache
-def _of_all_cores() -> Pool:
+def _pool() -> Pool:
     return Pool(os.cpu_count() or 1)
-
-
-_of_this_thread = Pool(0)
-
-
-class _Together(threading.local):
-    """What a thread is at work on together with others: how many of it are not done."""
-
-    left: list[int] | None = None
-
-
-_together = _Together()
-
-
-def _share_the_cores() -> bool:
-    """Return True in a thread beside which others keep all cores busy: to hand on a kernel would only cost time."""
-    return _together.left is not None and len(_together.left) >= (os.cpu_count() or 1)
 
 
 def _padded(problem: Problem, of_runs: Sequence[Sequence[np.ndarray]], count: int) -> np.ndarray:
@@ -153,17 +135,8 @@ def at_once(use: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Re
     """Apply a function to each item, on one thread per core."""
     if len(items) == 1:
         return [use(items[0])]
-    left = list(range(len(items)))
-
-    def one(item: _Item) -> _Result:
-        _together.left = left
-        try:
-            return use(item)
-        finally:
-            left.pop()
-
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(one, items))
+        return list(pool.map(use, items))
 
 
 @eqx.filter_jit

@@ -101,20 +101,23 @@ class Scores:
         self.prior_slope = self.precision * fit.free
         edges = np.cumsum([self.count, *(way.columns.shape[1] for way in self.directions)])
         self.places = [slice(first, last) for first, last in itertools.pairwise(edges)]
-        self.projected = self._off_own(self.gram)
-        own, towards = slice(0, self.count), self.gram[: self.count].copy()
-        towards[:, -1] -= self.prior_slope
+        own, whole = slice(0, self.count), self._with_priors(self.gram)
         # How the model's own unknowns answer to each column, and where they go without any candidate.
-        self._answers = _solved(self.gram[own, own], self.precision, towards)
+        self._answers = _solved(whole[own, own], self.precision, whole[own])
+        self.projected = whole - whole[:, own] @ self._answers
         loose = np.where(is_common, self.precision / AS_FAR**2, self.precision)
         self._free = np.diag(self._off(self.gram, slice(0, self.count), loose))
 
     def _off_own(self, gram: np.ndarray) -> np.ndarray:
         """Return the inner products after projection off the model's free unknowns."""
-        projected = gram.copy()
-        projected[: self.count, -1] -= self.prior_slope
-        projected[-1, : self.count] -= self.prior_slope
-        return self._off(projected, slice(0, self.count), self.precision)
+        return self._off(self._with_priors(gram), slice(0, self.count), self.precision)
+
+    def _with_priors(self, gram: np.ndarray) -> np.ndarray:
+        """Return the inner products with the slopes of the priors in those of the errors."""
+        found = gram.copy()
+        found[: self.count, -1] -= self.prior_slope
+        found[-1, : self.count] -= self.prior_slope
+        return found
 
     def _off(self, gram: np.ndarray, place: slice, precision: np.ndarray) -> np.ndarray:
         """Return the inner products after projection off some columns with a prior."""

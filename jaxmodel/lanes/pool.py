@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from typing import Any
 
 import numpy as np
@@ -33,30 +33,11 @@ class Job:
         return self._kernel.tree(self.raw(done), self._count)
 
 
-class _Now(Executor):
-    """Does at once, in the thread that asks, what it is given."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        done: Future[Any] = Future()
-        try:
-            done.set_result(fn(*args, **kwargs))
-        except BaseException as error:  # as an executor does, which gives it to who asks for the result
-            done.set_exception(error)
-        return done
-
-
 class Pool:
-    """Threads that share the packets of calls; no lane sees another, so that their number changes no bit.
-
-    Without any, a call runs in the thread that starts it.
-
-    Attributes:
-        threads: how many.
-    """
+    """Threads that share the packets of calls; no lane sees another, so that their number changes no bit."""
 
     def __init__(self, threads: int) -> None:
-        self.threads = threads
-        self._executor = ThreadPoolExecutor(threads) if threads else _Now()
+        self._executor = ThreadPoolExecutor(threads)
         self._own = threading.local()
 
     def __enter__(self) -> Pool:
