@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from jaxmodel.base.errors import FitError
 from jaxmodel.case.known import Known
-from jaxmodel.case.records import Case
+from jaxmodel.case.records import Case, Run
 from jaxmodel.case.specimens import difference_label, own_parameters, runs_of
 from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.fit.candidates import Candidate
@@ -184,21 +184,29 @@ def _starts(case: Case, number: int) -> dict[str, Known]:
     """Return the initial states that are always uncertain: temperature and hysteresis of a cell.
 
     The temperature is the stated one, else the ambient temperature if the first reading differs from it by no more than
-    two thermometers may: were it that reading, a thermometer that is off would have a prior on its side in every run.
-    Else it is the first reading, and that of a check run, whose thermometer is not on trial.
+    two thermometers may, or by what it does in most runs: were it that reading, a thermometer that is off would have a
+    prior on its side in every run. Else it is the first reading, and that of a check run, whose thermometer is not on
+    trial: it may be off by as much as it differs.
     """
     if case.kind == "motor":
         return {}
     run = case.runs[number]
-    ambient = float(run.measured.inputs["ambient_degC"][0])
-    stated = run.initial_cell_temperature
+    stated, off = run.initial_cell_temperature, _above_ambient(run)
     if stated is not None:
-        rise = Known(stated.value - ambient, stated.sd)
+        rise = Known(stated.value - float(run.measured.inputs["ambient_degC"][0]), stated.sd)
+    elif run.split == "check":
+        rise = Known(off, float(np.clip(abs(off), FIRST_READING_K, THERMOMETERS_DIFFER_K)))
     else:
-        read = run.measured.outputs.get("cell_temperature_degC", np.zeros(0))
-        first = read[:1][np.isfinite(read[:1])]
-        off = float(first[0]) - ambient if first.size else 0.0
-        at_rest = run.split == "fit" and abs(off) <= THERMOMETERS_DIFFER_K
+        usual = float(np.median([_above_ambient(one) for one in case.runs]))
+        as_usual = abs(usual) <= THERMOMETERS_DIFFER_K and abs(off - usual) <= FIRST_READING_K
+        at_rest = abs(off) <= THERMOMETERS_DIFFER_K or as_usual
         rise = Known(0.0, AMBIENT_K) if at_rest else Known(off, FIRST_READING_K)
     found = {"initial_hysteresis": Known(0.0, HYSTERESIS)}
     return found | ({"initial_temperature_rise_K": rise} if rise.sd is not None else {})
+
+
+def _above_ambient(run: Run) -> float:
+    """Return the first reading of a cell's temperature less the ambient temperature, in K; 0 if there is none."""
+    read = run.measured.outputs.get("cell_temperature_degC", np.zeros(0))[:1]
+    first = read[np.isfinite(read)]
+    return float(first[0] - run.measured.inputs["ambient_degC"][0]) if first.size else 0.0

@@ -143,21 +143,33 @@ def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(made: tu
 
 
 @pytest.mark.parametrize(
-    ("read_K", "split", "expected_K"), [(1.9, "fit", 0.0), (2.1, "fit", 2.1), (-2.1, "fit", -2.1), (1.9, "check", 1.9)]
+    ("read_K", "others_K", "split", "expected_K", "sd_K"),
+    [
+        (1.9, 0.0, "fit", 0.0, 0.5),
+        (2.1, 0.0, "fit", 2.1, 0.5),
+        (-2.1, 0.0, "fit", -2.1, 0.5),
+        (-2.1, -1.9, "fit", 0.0, 0.5),  # the thermometer reads 2 K low in all runs, and 0.1 K more is its noise
+        (1.9, 0.0, "check", 1.9, 1.9),  # whatever the thermometer is off, the start may be adjusted to it
+        (9.0, 0.0, "check", 9.0, 2.0),
+    ],
 )
 def test_a_cell_starts_at_the_ambient_temperature_or_was_warm(
-    case: Case, read_K: float, split: str, expected_K: float
+    case: Case, read_K: float, others_K: float, split: str, expected_K: float, sd_K: float
 ) -> None:
-    run = case.runs[0]
-    count = run.measured.time_s.size
-    outputs = run.measured.outputs | {
-        "cell_temperature_degC": run.measured.inputs["ambient_degC"][0] + np.full(count, read_K)
-    }
-    measured = dataclasses.replace(run.measured, outputs=outputs)
-    runs = (dataclasses.replace(run, measured=measured, split=split, initial_cell_temperature=None), *case.runs[1:])
+    def reading(run: Run, above_K: float) -> Run:
+        read = run.measured.inputs["ambient_degC"][0] + np.full(run.measured.time_s.size, above_K)
+        measured = dataclasses.replace(run.measured, outputs={**run.measured.outputs, "cell_temperature_degC": read})
+        return dataclasses.replace(run, measured=measured, initial_cell_temperature=None)
+
+    first, *others = case.runs
+    runs = (
+        dataclasses.replace(reading(first, read_K), split=split),
+        *(reading(run, others_K) for run in others),
+    )
     layout = make_layout(dataclasses.replace(case, runs=runs), [])
     places = [p for p, name in enumerate(layout.names) if name == "initial_temperature_rise_K" and layout.runs[p] == 0]
-    assert layout.coordinates[places[0]].number(0.0) == pytest.approx(expected_K)
+    rise = layout.coordinates[places[0]]
+    assert (rise.number(0.0), rise.slope(0.0)) == pytest.approx((expected_K, sd_K))
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
