@@ -43,6 +43,8 @@ GOES_BACK = 0.15
 MOVES = 0.3
 # A body that approaches equilibrium slows down: ratio of the durations of its last and earlier steps.
 SLOWER = 2.5
+# A trend is seen where half of it is so many sd of the readings about it.
+TREND = 5.0
 # Scatter elsewhere, in rounding steps, from which readings within one step are suspicious.
 FINE = 2.0
 # If more than this share of a channel's readings is suspicious, it is not stuck.
@@ -163,7 +165,7 @@ def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> li
         for run, one in suspects
         if one.rows > LONGER * behaviour.rows
         and one.seconds > LONGER * behaviour.seconds
-        and (behaviour.shows_noise or _ends_abruptly(run, channel, one))
+        and (behaviour.shows_noise or _ends_abruptly(run, channel, one) or _trend_ends(run, channel, one))
     ]
 
 
@@ -289,6 +291,29 @@ def _ends_abruptly(run: Run, channel: str, stretch: Stretch) -> bool:
     window: Rows = (time_s >= began[0] - 2.0 * pace.sum()) & (time_s < began[-1])
     after: Rows = (time_s >= began[-1]) & (time_s <= time_s[stretch.last])
     return bool(one_way) and all(_goes_on(values, window, after) for values in loads(run).values())
+
+
+def _trend_ends(run: Run, channel: str, stretch: Stretch) -> bool:
+    """Return whether a sensor that scatters followed a trend until it was stuck, while the load did not fall.
+
+    A body that comes to equilibrium slows down before it stops: within as many rows before, the later half of a trend
+    that stops at once changes about as much as the earlier one, and by far more than the readings scatter.
+    """
+    values, time_s = run.measured.outputs[channel], run.measured.time_s
+    before = np.flatnonzero(np.isfinite(values[: stretch.first]))[-stretch.rows :]
+    if before.size < LEAST_ROWS:
+        return False
+    changes, scatter = [], 0.0
+    for rows in np.array_split(before, 2):
+        line = np.polynomial.Polynomial.fit(time_s[rows], values[rows], 1)
+        changes.append(float(line(time_s[rows[-1]]) - line(time_s[rows[0]])))
+        scatter = max(scatter, float(np.std(values[rows] - line(time_s[rows]))))
+    earlier, later = changes
+    goes_on = earlier * later > 0.0 and abs(later) > max(TREND * scatter, abs(earlier) / SLOWER)
+    first, last = before[0], stretch.first
+    window: Rows = (time_s >= time_s[first]) & (time_s < time_s[last])
+    after: Rows = (time_s >= time_s[last]) & (time_s <= min(time_s[stretch.last], 2.0 * time_s[last] - time_s[first]))
+    return goes_on and all(_goes_on(one, window, after) for one in loads(run).values())
 
 
 def _goes_on(values: Values, before: Rows, after: Rows) -> bool:

@@ -110,6 +110,21 @@ def test_a_coarse_sensor_that_stops_during_a_rise_is_stuck() -> None:
     assert remark.startswith("cell_temperature_degC in run-02 repeats 33 degC from ")
 
 
+def test_a_sensor_of_which_noise_is_seen_in_no_run_but_its_own_is_stuck_where_a_trend_ends() -> None:
+    """As at NASA, of six logs: 10 s between rows, so that warmth moves readings by more than they scatter."""
+    rng, steady = np.random.default_rng(5), np.full(ROWS, 2.0)
+
+    def run(number: int, scatter: float, first: int = ROWS):
+        read = 24.0 + 6e-3 * STEP_S * np.arange(ROWS) + 1e-3 * np.arange(ROWS) ** 0.5 + scatter * rng.normal(size=ROWS)
+        read[first:] = read[min(first, ROWS - 1)]
+        return with_readings(cell(number, current=steady), "cell_temperature_degC", np.round(read, 2))
+
+    others = [run(number, 1e-3) for number in (1, 3, 4)]
+    _, (remark,) = without_stuck(case_of("cell", {}, [*others, run(2, 0.03, 700)]))
+    assert remark.subject == "cell_temperature_degC@run-02"
+    assert remark.numbers["from_s"] == pytest.approx(1400.0, abs=2.0 * STEP_S)
+
+
 def test_a_motor_that_stands_still_and_a_chamber_that_is_constant_are_not_stuck() -> None:
     rng = np.random.default_rng(4)
     runs = []
