@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.lanes import Kernel, NotNative, Pool
+from jaxmodel.lanes import Kernel, NotNative, Pool, over
 from jaxmodel.sensitivity.response import Answer, Response
 from jaxmodel.sweeps.lane import Outcome
 
@@ -78,30 +77,16 @@ def _run(
         raise NotNative("an accelerator")
     arrays, rest = eqx.partition(response, eqx.is_array)
     arrays = jax.tree.map(np.asarray, arrays)
-    leaves, structure = jax.tree.flatten((arrays, {name: x[0] for name, x in own.items()}))
     statics, of_rest = jax.tree.flatten(rest)
-    kernel = _kernel(what, structure, tuple((x.shape, x.dtype) for x in leaves), of_rest, tuple(statics))
-    if isinstance(kernel, NotNative):
-        raise kernel
-    with Pool(os.cpu_count() or 1) as pool:
-        return pool.start(kernel, arrays, own, len(next(iter(own.values()))), _PACKETS).tree(done)
-
-
-@functools.lru_cache(maxsize=16)
-def _kernel(
-    what: str, structure: Any, leaves: tuple[Any, ...], of_rest: Any, statics: tuple[Any, ...]
-) -> Kernel | NotNative:
-    """Return the kernel of a function of `_FUNCTIONS`, or why there is none, cached for like responses."""
-    arrays, own = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
-    rest = jax.tree.unflatten(of_rest, statics)
 
     def one_lane(arrays: Any, own: dict[str, jax.Array]) -> Any:
         return _FUNCTIONS[what](eqx.combine(arrays, rest), own)
 
-    try:
-        return Kernel(one_lane, arrays, own, by="by" if "by" in own else "")
-    except NotNative as reason:  # kept, so that it is traced once
-        return reason
+    one = {name: x[0] for name, x in own.items()}
+    by = "by" if "by" in own else ""
+    kernel = over(Kernel, one_lane, arrays, one, (what, of_rest, tuple(statics)), by=by)
+    with Pool(os.cpu_count() or 1) as pool:
+        return pool.start(kernel, arrays, own, len(next(iter(own.values()))), _PACKETS).tree(done)
 
 
 def _slopes(response: Response, own: dict[str, jax.Array]) -> Any:

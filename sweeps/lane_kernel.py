@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
-from jaxmodel.lanes import Written
+from jaxmodel.lanes import Written, over
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
 
@@ -19,29 +18,17 @@ _Kind = TypeVar("_Kind", bound=Written)
 def kernel_of_a_lane(
     kind: type[_Kind], keep: Keep, shared: Any, lanes: Callable[[np.ndarray], dict[str, Any]], single: bool
 ) -> _Kind:
-    """Return the kernel of a lane, in float64 or float32, cached for like sweeps.
+    """Return the kernel of a lane, in float64 or float32, the same for like sweeps.
 
     Raises:
         NotNative: an operation of a lane has no instructions.
     """
     own = {name: np.asarray(value)[0] for name, value in lanes(np.zeros(1, dtype=int)).items()}
-    leaves, structure = jax.tree.flatten((shared, own))
-    return _kernel(kind, keep, structure, tuple((x.shape, x.dtype) for x in leaves), single)
-
-
-@functools.lru_cache(maxsize=32)
-def _kernel(
-    kind: type[_Kind], keep: Keep, structure: Any, leaves: tuple[tuple[tuple[int, ...], np.dtype], ...], single: bool
-) -> _Kind:
-    halves = {"float64": "float32", "int64": "int32", "uint64": "uint32"} if single else {}
-    types = [(shape, np.dtype(halves.get(dtype.name, dtype))) for shape, dtype in leaves]
-    shared, own = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in types])
 
     def one_lane(shared: tuple[Model, SteppedProfile, Any], own: dict[str, jax.Array]) -> Outcome:
         return run_lane(keep, *shared, own)
 
-    with jax.enable_x64(not single):
-        return kind(one_lane, shared, own)
+    return over(kind, one_lane, shared, own, keep, single=single)
 
 
 def doubled(outcome: Outcome) -> Outcome:

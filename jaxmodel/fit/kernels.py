@@ -7,7 +7,6 @@ import functools
 import hashlib
 import importlib.metadata
 import platform
-import threading
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 
 from jaxmodel.base.errors import RemarkWarning
 from jaxmodel.fit.problem import Lane, OneRun, Problem
-from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool
+from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool, over
 from jaxmodel.lanes.kernel import Shared
 from jaxmodel.model.simulation import Needed, read_track
 
@@ -98,33 +97,9 @@ def kernel_of(problem: Problem, run: OneRun, lane: Lane) -> Kernel:
     Raises:
         NotNative: there is none.
     """
-    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane))
-    statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
-    rest, rest_tree = jax.tree.flatten(statics)
-    key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-    with _compiling:
-        kernel = _kernel(_Given(key, problem, are_of_project(map(type, problem.models.effects))))
-    if isinstance(kernel, NotNative):
-        raise kernel
-    return kernel
-
-
-_compiling = threading.Lock()
-
-
-@dataclasses.dataclass(frozen=True)
-class _Given:
-    """A problem, known by what its kernel depends on."""
-
-    key: Any
-    problem: Problem = dataclasses.field(compare=False)
-    of_project: bool = dataclasses.field(compare=False)
-
-
-@functools.lru_cache(maxsize=64)
-def _kernel(given: _Given) -> Kernel | NotNative:
-    problem, (tree, _, _, leaves) = given.problem, given.key
-    shared, own = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+    shared, own = _shapes(problem, run, lane)
+    rest, of_rest = jax.tree.flatten(eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1])
+    known_by = (of_rest, tuple(rest))
 
     def one_lane(shared: Any, own: dict[str, Any]) -> list[jax.Array]:
         model, track, of_run, dynamic = shared
@@ -132,21 +107,28 @@ def _kernel(given: _Given) -> Kernel | NotNative:
         readings = read_track(at, track, track.duration_s, Needed(None, dynamic))
         return [readings[name] for name in problem.channels]
 
+    name = _name_of(problem, (jax.tree.structure((shared, own)), known_by, jax.tree.leaves((shared, own))))
     try:
-        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS), known_as=_name_of(given), alike=True)
+        return over(Kernel, one_lane, shared, own, known_by, sizes=(STEPS, ROWS), known_as=name, alike=True)
     except NotNative as reason:
-        warnings.warn(
-            f"The fits run through XLA, which takes longer: {reason} has no vector instructions yet.",
-            RemarkWarning,
-            stacklevel=2,
-        )
-        return reason
+        _say_once(str(reason))
+        raise
 
 
-def _name_of(given: _Given) -> str:
+@functools.cache
+def _say_once(reason: str) -> None:
+    warnings.warn(
+        f"The fits run through XLA, which takes longer: {reason} has no vector instructions yet.",
+        RemarkWarning,
+        stacklevel=3,
+    )
+
+
+def _name_of(problem: Problem, key: Any) -> str:
     """Return what identifies a kernel in other processes; "" with an effect of the user, whose source may change."""
-    text = repr(given.key)
-    return "" if not given.of_project or " at 0x" in text else f"{made_from()} {text}"
+    text = repr(key)
+    of_project = are_of_project(map(type, problem.models.effects))
+    return "" if not of_project or " at 0x" in text else f"{made_from()} {text}"
 
 
 def are_of_project(classes: Iterable[type]) -> bool:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from jaxmodel.base.lazy import names_when_used
 
 if TYPE_CHECKING:
+    from jaxmodel.lanes.compiled import over
     from jaxmodel.lanes.cuda import CudaCall, CudaError, CudaKernel
     from jaxmodel.lanes.kernel import ROWS, STEPS, Kernel
     from jaxmodel.lanes.machine import processor
@@ -22,6 +23,7 @@ __all__ = [
     "NotNative",
     "Pool",
     "Written",
+    "over",
     "processor",
 ]
 

@@ -309,5 +309,5 @@ def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypat
 
 
 def test_front_door_names_what_it_has() -> None:
-    of_processors = {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "Written", "processor"}
+    of_processors = {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "Written", "over", "processor"}
     assert set(lanes.__all__) == of_processors | {"CudaCall", "CudaError", "CudaKernel"}

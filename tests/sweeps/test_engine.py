@@ -12,12 +12,13 @@ import pytest
 import xarray as xr
 
 from jaxmodel.base.errors import RemarkWarning
+from jaxmodel.lanes import compiled
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.electrothermal import Model, read
 from jaxmodel.model.names import with_values
 from jaxmodel.model.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
 from jaxmodel.model.simulation import Cutoff, Status, Trajectory, simulate, track
-from jaxmodel.sweeps import Metric, Study, by_vectors, lane_kernel, plan, run, runner
+from jaxmodel.sweeps import Metric, Study, by_vectors, plan, run, runner
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}
 
@@ -167,9 +168,9 @@ def test_chunks_change_nothing_and_are_reported(cell_study, monkeypatch):
 
 def test_second_sweep_of_a_kind_compiles_nothing(cell_study):
     run(cell_study())
-    before = lane_kernel._kernel.cache_info()
+    before = compiled._kernel.cache_info()
     run(cell_study(parameters={"capacity_Ah": 4.0}))
-    after = lane_kernel._kernel.cache_info()
+    after = compiled._kernel.cache_info()
     assert (after.hits, after.misses) == (before.hits + 1, before.misses)
 
 

@@ -19,9 +19,9 @@ from jaxmodel.diagnosis.advice.next_experiment import (
     in_words,
     propose,
 )
-from jaxmodel.fit import kernels
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import Fit
+from jaxmodel.lanes import compiled
 from tests.diagnosis.made_cases import NOISE_V, SOC_SD, TRUE, cache_of, case_of, made_cell, run_of
 from tests.independent import simulate
 
@@ -55,9 +55,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 @pytest.fixture(scope="module")
 def undecided(case: Case) -> tuple[list[Fit], tuple[Proposal, ...]]:
     cache, rivals = rivals_of(case)
-    before = kernels._kernel.cache_info()
+    before = compiled._kernel.cache_info()
     proposals = propose(cache, rivals)
-    after = kernels._kernel.cache_info()
+    after = compiled._kernel.cache_info()
     assert after.hits > before.hits
     assert after.misses == before.misses, "runs of the bank are run by the programs of the case"
     return rivals, proposals
