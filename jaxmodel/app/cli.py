@@ -43,6 +43,7 @@ def _print_version(asked: bool) -> bool:
 
 @app.callback()
 def _of_all_commands(
+    timings: Annotated[bool, typer.Option("--timings", help="Say at the end where the time went.")] = False,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,

@@ -13,6 +13,7 @@ import typer
 import typer.core
 
 from jaxmodel.app.folders import let_go
+from jaxmodel.app.timings import told
 
 MISTAKE = 2
 _STOPPED = 130
@@ -36,7 +37,7 @@ class OneSentence(typer.core.TyperGroup):
     def _exit_code(self, args: Sequence[str] | None = None, *others: Any, **kwargs: Any) -> int:
         given = list(sys.argv[1:] if args is None else args)
         try:
-            with _plain_remarks():
+            with _plain_remarks(), told() if given[:1] == ["--timings"] else contextlib.nullcontext():
                 code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
         except typer.TyperException as error:
             sentence = _plain(error.format_message())

@@ -358,3 +358,17 @@ def test_compiled_programs_are_kept_where_the_user_says(monkeypatch: pytest.Monk
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_folder() == tmp_path / "jaxmodel"
+
+
+def test_timings_say_where_the_time_of_a_command_went(run: Run, made_case: Path, tmp_path: Path) -> None:
+    result = run("--timings", "simulate", made_case, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    rows = {}
+    for line in result.stdout.splitlines():
+        cells = [one.strip() for one in line.strip("│").split("│")]
+        if len(cells) == 3 and cells[2].endswith("%"):
+            rows[cells[0]] = float(cells[1])
+    assert rows["drawing pictures"] > 0.0
+    parts = sum(seconds for what, seconds in rows.items() if what != "whole command")
+    assert parts == pytest.approx(rows["whole command"], abs=0.01 * len(rows))
+    assert "Time" not in run("simulate", made_case, "--out", tmp_path).stdout
