@@ -10,7 +10,8 @@ INSTALLED_DOCS := .venv/.installed-docs
 # Python is told to keep no bytecode, every process would compile them again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-oldest docs notebooks bench bench-check bench-peers format clean
+.PHONY: demo test test-all test-oldest docs notebooks bench bench-check bench-peers format hooks \
+	release-check dist release clean
 
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
@@ -62,6 +63,29 @@ bench-peers: $(INSTALLED)
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
+
+# From then on git checks each commit and its message, as .pre-commit-config.yaml says.
+hooks: $(INSTALLED)
+	$(BIN)/prek install
+
+# Before the hours of a release: what would end it.
+release-check:
+	@echo '$(VERSION)' | grep -qxE '[0-9]+\.[0-9]+\.[0-9]+' || { echo "Name the version: make release VERSION=1.2.3"; exit 1; }
+	@test -z "$$(git status --porcelain)" || { echo "Commit or remove what git status lists."; exit 1; }
+	@grep -qF '## [$(VERSION)]' CHANGELOG.md || { echo "CHANGELOG.md has no section [$(VERSION)]."; exit 1; }
+	@test -z "$$(git tag --list 'v$(VERSION)')" || { echo "The tag v$(VERSION) is there already."; exit 1; }
+
+# With VERSION, the files of that release before there is its tag, so that a tag is only put on what could be built.
+dist: $(INSTALLED)
+	rm -rf dist
+	SETUPTOOLS_SCM_PRETEND_VERSION=$(VERSION) $(BIN)/uv build --quiet
+	$(BIN)/twine check --strict dist/*
+
+release: release-check
+	$(MAKE) test-all
+	$(MAKE) test-oldest
+	$(MAKE) dist
+	git tag --annotate --message 'jaxmodel $(VERSION)' v$(VERSION)
 
 # A stamp: the install runs once, and again when what it installs changes.
 $(INSTALLED): pyproject.toml constraints.txt
