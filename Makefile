@@ -26,7 +26,7 @@ test: $(INSTALLED)
 	$(BIN)/pyrefly check --summary=none --config pyrefly-public.toml
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
-# The slow tests too, which tests/slow.txt lists: before a release, and after a change of what they test.
+# The tests marked as slow too: before a release, and after a change of what they test.
 test-all:
 	$(MAKE) test TESTS=--all
 

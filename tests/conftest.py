@@ -52,16 +52,23 @@ class Wild(Protocol):
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option for all tests."""
-    parser.addoption("--all", action="store_true", help="run the slow tests too, which tests/slow.txt lists")
+    parser.addoption("--all", action="store_true", help="run the tests that are marked as slow too")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out the slow tests, unless all are asked for."""
     if config.getoption("--all"):
         return
-    slow = set((REPOSITORY / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines())
-    config.hook.pytest_deselected(items=[item for item in items if item.nodeid in slow])
-    items[:] = [item for item in items if item.nodeid not in slow]
+    slow = [item for item in items if _is_slow(item)]
+    config.hook.pytest_deselected(items=slow)
+    items[:] = [item for item in items if item not in slow]
+
+
+def _is_slow(item: pytest.Item) -> bool:
+    """Return whether a test is marked as slow, with its own parameters if the mark names some."""
+    marker = item.get_closest_marker("slow")
+    of = item.name.partition("[")[2].removesuffix("]")
+    return marker is not None and (not marker.args or of in marker.args)
 
 
 @pytest.fixture(scope="session")

@@ -315,15 +315,6 @@ def test_no_shell_is_used_and_no_array_is_a_pickle() -> None:
     assert flags == set()
 
 
-def test_every_slow_test_that_is_listed_is_there() -> None:
-    """A line that names no test leaves nothing out."""
-    listed = (REPOSITORY / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()[1:]
-    assert listed == sorted(set(listed))
-    for line in listed:
-        file, _, test = line.partition("::")
-        assert f"def {test.partition('[')[0]}(" in (REPOSITORY / file).read_text(encoding="utf-8"), line
-
-
 def test_annotations_are_checked_while_tests_run() -> None:
     """Without the import hook every other test would still pass, and check less."""
     from jaxmodel.base.errors import nearest

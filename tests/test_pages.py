@@ -47,6 +47,7 @@ def run(code: str, lines_before: int, file: Path, namespace: dict[str, object]) 
     exec(compile("\n" * lines_before + code, str(file), "exec", dont_inherit=True), namespace)
 
 
+@pytest.mark.slow("discrepancy", "identifiability", "own_loss", "parameterise", "sensitivity", "use_the_extended_model")
 @pytest.mark.parametrize("page", [page for page in PAGES if any(blocks(page))], ids=lambda page: page.stem)
 def test_blocks_of_page_run_in_order(page: Path, root: Path) -> None:
     namespace: dict[str, object] = {"__name__": f"page_{page.stem}"}
@@ -54,6 +55,7 @@ def test_blocks_of_page_run_in_order(page: Path, root: Path) -> None:
         run(code, lines_before, page, namespace)
 
 
+@pytest.mark.slow("cell_that_does_not_fit", "effect_of_your_own")
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
 def test_cells_of_tutorial_run_in_order(notebook: Path, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LANES", "256")

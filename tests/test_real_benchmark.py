@@ -53,6 +53,7 @@ ONE_OF_EACH_BUILDER = [
 ]
 
 
+@pytest.mark.slow("panasonic_drive")
 @pytest.mark.parametrize("name", ONE_OF_EACH_BUILDER)
 def test_a_real_case_is_valid_and_keeps_runs_for_the_check(name: str, tmp_path: Path):
     wanted = CASES[name]

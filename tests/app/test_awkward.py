@@ -42,6 +42,7 @@ def awkward(case_folder: Path) -> Path:
     return case_folder
 
 
+@pytest.mark.slow
 def test_unusual_case_is_compared_to_the_end(awkward: Path, run: Run, tmp_path: Path) -> None:
     result = run("compare", awkward, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output

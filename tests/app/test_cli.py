@@ -202,6 +202,7 @@ def test_pace_is_told_from_the_second_report_on(monkeypatch: pytest.MonkeyPatch)
     assert [terminal.duration(s) for s in (42.0, 600.0, 10_800.0, 864_000.0)] == ["42 s", "10 min", "3 h", "10 days"]
 
 
+@pytest.mark.slow
 def test_sensitivity_of_the_same_study_at_another_point(run: Run, study: Path, tmp_path: Path) -> None:
     result = run("sensitivity", study, "--at", "capacity_Ah=2.5", "--at", "ambient_degC=10", "--out", tmp_path)
     assert result.exit_code == 0, result.output
@@ -256,6 +257,7 @@ def test_simulate_takes_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path:
         assert np.sqrt(np.mean(np.concatenate(residuals) ** 2)) == pytest.approx(error["after"]["fit"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path: Path) -> None:
     study = STUDY.replace('kind = "cell"', f'case = "{(diagnosed / "extended.toml").as_posix()}"')
     study = study.replace("[effects]\nself_heating = {}\n", "")

@@ -33,6 +33,7 @@ duration_s = 300
 """
 
 
+@pytest.mark.slow
 def test_mission_ends_with_a_page(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mission_command, "usual_models", lambda: {"printed": preset_model("paper", "robot")})
     monkeypatch.setattr(mission_command, "AMBIENT_DEGC", np.array([-20.0, 20.0]))
@@ -70,6 +71,7 @@ def made_case(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_estimate_ends_with_a_page(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_of_charge, "BATCH", 8)
     case, out = made_case(tmp_path), tmp_path / "out"
@@ -88,6 +90,7 @@ def test_estimate_ends_with_a_page(run: Run, tmp_path: Path, monkeypatch: pytest
     np.testing.assert_allclose(pd.read_csv(tmp_path / "again" / "errors.csv").rms, errors.rms, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_robot_that_drives_nowhere_on_the_map_is_told(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

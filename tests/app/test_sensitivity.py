@@ -53,6 +53,7 @@ def test_uncertainty_is_written_by_both_ways(run: Run, study: Path, tmp_path: Pa
     assert "capacity_Ah 100%" in result.stdout
 
 
+@pytest.mark.slow
 def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path, tmp_path: Path) -> None:
     identified = run("identify", made_case, "--parameter", "capacity_Ah", "--out", tmp_path / "told")
     assert identified.exit_code == 0, identified.output

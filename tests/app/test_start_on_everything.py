@@ -29,6 +29,7 @@ def test_every_folder_is_started(shared: Path):
     assert set(public_logs.results()) <= set(FOLDERS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_start_ends_with_a_verdict_or_a_sentence(shared: Path, tmp_path: Path, folder: str):
     log = next(log for log in public_logs.logs() if log["folder"] == folder)

@@ -103,6 +103,7 @@ def truth(one: Made) -> Case:
     return dataclasses.replace(case, runs=tuple(runs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_of_the_truth_nothing_but_the_noise_is_left(bench, name: str):
     case = truth(bench(name))
@@ -129,6 +130,7 @@ def lacking(name: str, one: Made, true: Case) -> dict[str, Case]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CASES if name not in ("capacity far off", "cold check run")])
 def test_what_is_hidden_stands_out(bench, name: str):
     one = bench(name)
@@ -139,12 +141,14 @@ def test_what_is_hidden_stands_out(bench, name: str):
 
 
 # What the diagnosis says of them.
+@pytest.mark.slow
 def test_three_effects_at_once_are_named(said):
     answer = said("three effects")
     assert claimed(answer) == set(made.THREE)
     assert answer["verdict"] == "missing_effect"
 
 
+@pytest.mark.slow
 def test_four_effects_are_named_of_which_one_is_a_sensor_fault(said):
     answer = said("four with a fault")
     assert claimed(answer) == set(made.FOUR)
@@ -153,6 +157,7 @@ def test_four_effects_are_named_of_which_one_is_a_sensor_fault(said):
     assert answer["verdict"] == "missing_effect"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "port", "off"),
     [
@@ -173,6 +178,7 @@ def test_a_wrong_table_is_reported_as_that_table_over_soc(said, name: str, port:
     assert np.corrcoef(value[driven], true[driven])[0, 1] > 0.9
 
 
+@pytest.mark.slow
 def test_one_bad_run_is_reported_as_that_run(said):
     answer = said("bad run")
     assert [run["file"] for run in answer["runs"]] == [f"run-{made.BAD_RUN + 1:02d}.csv"]
@@ -180,6 +186,7 @@ def test_one_bad_run_is_reported_as_that_run(said):
     assert answer["verdict"] == "adequate"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["noise stated too small", "noise stated too large"])
 def test_a_noise_that_is_stated_wrong_changes_no_name(said, name: str):
     answer = said(name)
@@ -188,6 +195,7 @@ def test_a_noise_that_is_stated_wrong_changes_no_name(said, name: str):
     assert remarked(answer, r"\b(noise|sd|scatter)\b")
 
 
+@pytest.mark.slow
 def test_a_capacity_far_from_its_stated_value_is_adequate_with_a_remark(said):
     answer = said("capacity far off")
     assert answer["verdict"] == "adequate"
@@ -195,6 +203,7 @@ def test_a_capacity_far_from_its_stated_value_is_adequate_with_a_remark(said):
     assert remarked(answer, "capacity[_ ]Ah")
 
 
+@pytest.mark.slow
 def test_a_drifting_contact_is_reported_with_the_other_effects(said):
     answer = said("drifting contact")
     assert set(made.ARRHENIUS) <= claimed(answer) <= {*made.ARRHENIUS, "contact_drift"}
@@ -202,6 +211,7 @@ def test_a_drifting_contact_is_reported_with_the_other_effects(said):
     assert "contact_drift" in claimed(answer) or answer["verdict"] == "unknown_effect" or over_time
 
 
+@pytest.mark.slow
 def test_a_condition_of_a_check_run_alone_is_not_called_adequate(said):
     answer = said("cold check run")
     assert answer["verdict"] in ("undecided", "unknown_effect", "missing_effect")
@@ -209,6 +219,7 @@ def test_a_condition_of_a_check_run_alone_is_not_called_adequate(said):
     assert [each["file"] for each in beyond] == ["run-04.csv"]
 
 
+@pytest.mark.slow
 def test_a_stuck_thermometer_is_reported_and_changes_no_name(said):
     answer = said("stuck thermometer")
     of_thermometer = {e["name"] for e in answer["effects"] if e["parameters"].get("column") == "cell_temperature_degC"}
@@ -216,6 +227,7 @@ def test_a_stuck_thermometer_is_reported_and_changes_no_name(said):
     assert of_thermometer or remarked(answer, r"cell_temperature_degC|thermometer")
 
 
+@pytest.mark.slow
 def test_uneven_times_gaps_and_a_coarse_current_change_no_name(said):
     answer = said("uneven logger")
     assert claimed(answer) == set(made.THREE)

@@ -182,6 +182,7 @@ def test_a_curve_in_the_case_file_predicts_what_the_diagnosis_predicted(
     assert any(shown[channel] > 5.0 * off[channel] for channel in shown), (off, shown)
 
 
+@pytest.mark.slow("tables")
 @pytest.mark.parametrize("tables", [{}, {"ocv": OCV, "R_ints": R_INTS, "dU_dT": ENTROPY}], ids=["formulas", "tables"])
 def test_all_curves_together_are_in_the_case_file(
     diagnosis: Diagnosis, tmp_path: Path, tables: dict[str, Table]

@@ -128,6 +128,7 @@ CHANGES: dict[str, Change] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_answer_keeps_its_verdict_and_names(change: str, bench: Path, answer: dict[str, Any], tmp_path: Path) -> None:
     assert _named(answer) == ("missing_effect", {"slow_diffusion"})

@@ -34,6 +34,7 @@ def made_case(name: str, numbers: dict[str, float]) -> Case:
     )
 
 
+@pytest.mark.slow("-numbers3", "heat_path-numbers1", "viscous_friction-numbers2")
 @pytest.mark.parametrize(
     ("name", "numbers"),
     [

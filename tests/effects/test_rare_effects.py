@@ -78,6 +78,7 @@ def test_an_effect_is_told_in_full(name: str):
     assert all(info.typical is not None and info.lower <= info.default <= info.upper for info in infos.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "column"),
     [

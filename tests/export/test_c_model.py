@@ -52,6 +52,7 @@ def vectors_of(text: str, folder: Path, cc: str) -> subprocess.CompletedProcess[
     return subprocess.run([str(program)], capture_output=True, text=True)
 
 
+@pytest.mark.slow("motor-float32", "robot-float32")
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("kind", FRAMES)
 def test_the_test_vectors_pass(kind: str, precision: str, tmp_path: Path, cc: str) -> None:

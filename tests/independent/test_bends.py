@@ -36,6 +36,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_long_rows_of_a_motor_whose_law_bends(case: str):
     hardware, effect, numbers, voltage, load = CASES[case]
@@ -56,6 +57,7 @@ def test_long_rows_of_a_motor_whose_law_bends(case: str):
 HEAVY = (0.0005, 0.003, 0.03)  # kg m^2; up to a rotor that draws some 100 A for seconds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("J", HEAVY)
 def test_a_heavy_rotor_starts_in_long_rows_while_its_winding_warms(J: float):
     time = np.arange(0.0, 4.1, 0.5)

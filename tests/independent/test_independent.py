@@ -67,6 +67,7 @@ def test_reference_trajectory(name: str, rows: int) -> None:
         np.testing.assert_allclose(result[column], data[column], rtol=0.0, atol=allowed, err_msg=column)
 
 
+@pytest.mark.slow
 def test_charge_taken_is_charge_lost() -> None:
     profile = make_profile("cell", "pulse train", 3, duration_s=300.0, step_s=1.5, reversing=True)
     result = simulate("cell", {"capacity_Ah": 4.0, "storage_months": 0}, profile, initial_soc=0.7)
@@ -75,6 +76,7 @@ def test_charge_taken_is_charge_lost() -> None:
     np.testing.assert_allclose(0.7 - result["soc"], taken / (3600.0 * 4.0), rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_constant_current_fills_two_capacitors() -> None:
     # Near SOC 1 and with a huge capacity the printed curves are constant to 2e-6.
     time_s = np.linspace(0.0, 600.0, 121)
@@ -88,6 +90,7 @@ def test_constant_current_fills_two_capacitors() -> None:
     np.testing.assert_allclose(result["voltage_V"], 4.1029 - 3.0 * series - short - long, rtol=0.0, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_heat_made_is_heat_stored_or_lost() -> None:
     time_s = np.arange(0.0, 401.0, 2.0)
     profile = {"time_s": time_s, "current_A": np.full(201, 4.0), "ambient_degC": np.full(201, 5.0)}
@@ -115,6 +118,7 @@ def test_tables_are_interpolated_and_held() -> None:
         assert series_resistance(jnp.asarray(0.5), jnp.asarray(temperature), p) == pytest.approx(ohm, abs=1e-14)
 
 
+@pytest.mark.slow
 def test_friction_drives_stops_and_holds() -> None:
     # Without a torque constant the load alone moves the rotor, and every speed is a straight line.
     time_s = np.arange(0.0, 1.0001, 0.01)
@@ -129,6 +133,7 @@ def test_friction_drives_stops_and_holds() -> None:
     np.testing.assert_allclose(result["motor_loss_W"], 0.01 * np.abs(up - down - backwards), rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_start_of_a_linear_motor() -> None:
     resistance, inductance, k, inertia = 0.1, 7.2e-5, 0.0385, 5.42e-5
     time_s = np.concatenate([[0.0], np.geomspace(1e-5, 0.05, 60)])
@@ -142,6 +147,7 @@ def test_start_of_a_linear_motor() -> None:
     np.testing.assert_allclose(result["speed_rad_s"], exact[:, 1], rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_motor_driven_by_current() -> None:
     time_s = np.arange(0.0, 0.2001, 0.01)
     current = steps(time_s, (0.0, 2.0))
@@ -153,6 +159,7 @@ def test_motor_driven_by_current() -> None:
     np.testing.assert_allclose(result["voltage_V"], 0.103 * current + 0.0385 * speed, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_robot_keeps_charge_and_energy_through_a_start() -> None:
     time_s = np.concatenate([[0.0], np.geomspace(2e-6, 1.0, 500)])
     duty, load, rows = 0.3, 0.008, len(time_s)
@@ -172,6 +179,7 @@ def test_robot_keeps_charge_and_energy_through_a_start() -> None:
     assert given == pytest.approx(used + stored, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_sensor_faults_change_what_is_read_not_what_happened() -> None:
     profile = make_profile("cell", "varying load", 1, duration_s=120.0)
     truth = simulate("cell", {}, profile)
@@ -187,6 +195,7 @@ def test_sensor_faults_change_what_is_read_not_what_happened() -> None:
         simulate("cell", {}, profile, {"self_heeting": {"C_th": 40.0}})
 
 
+@pytest.mark.slow
 def test_written_case_holds_the_truth_and_its_noise(tmp_path: Path) -> None:
     profile = make_profile("cell", "load steps", 5, duration_s=900.0)
     run = Run(
@@ -214,6 +223,7 @@ def test_written_case_holds_the_truth_and_its_noise(tmp_path: Path) -> None:
     assert texts["a"] == texts["again"] != texts["other"]
 
 
+@pytest.mark.slow
 def test_coloured_noise_keeps_its_size(tmp_path: Path) -> None:
     profile = make_profile("cell", "constant load", 2, duration_s=1200.0, step_s=0.5, largest_drive=2.0)
     clean = write_case(
@@ -224,6 +234,7 @@ def test_coloured_noise_keeps_its_size(tmp_path: Path) -> None:
     assert np.corrcoef(noise[1:], noise[:-1])[0, 1] == pytest.approx(0.6, abs=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHER_FORMS)
 def test_other_forms_are_like_the_catalogues_and_not_the_same(name: str) -> None:
     kind = next(kind for kind in ("cell", "motor") if kind in CATALOGUE[name].kinds)

@@ -45,6 +45,7 @@ def along_numbers(name: str) -> tuple[Callable, Any, dict[str, Any]]:
     return of_vector, shared, {"by": np.concatenate(list(moved.values()), axis=1), "fixed": fixed}
 
 
+@pytest.mark.slow("arrays", "scan", "signals", "small tables")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_derivatives_are_those_of_jacfwd(name: str) -> None:
     function, shared, own = along_numbers(name)

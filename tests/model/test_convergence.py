@@ -120,6 +120,7 @@ def orders(model: Model, profile: Profile) -> dict[str, tuple[float, float]]:
     return {name: (float(np.log2(first[name] / second[name])), first[name]) for name in above_rounding}
 
 
+@pytest.mark.slow("robot-base")
 @every_effect
 def test_second_order_for_smooth_loads(kind: str, effect: str):
     for name, (order, change) in orders(model_of(kind, effect), smooth(kind, 8.0, 1.0)).items():

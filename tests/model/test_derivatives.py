@@ -120,6 +120,7 @@ def forward(kind: str, x: np.ndarray, steps: Track, cutoff: Cutoff = NEVER) -> n
     return np.asarray(compiled(kind)["forward"](jnp.asarray(x), steps, cutoff))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_forward_derivatives_are_differences(kind: str):
     """To 1e-6 of the largest over the run, and what rounding leaves of a difference, most from short secants."""
@@ -132,6 +133,7 @@ def test_forward_derivatives_are_differences(kind: str):
     assert not beyond.any(), [names(kind)[column] for column in np.flatnonzero(beyond.any(axis=0))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cell", "motor"])
 def test_reverse_derivatives_are_forward_ones(kind: str):
     x, steps = values(kind), run_steps(kind, profile(kind))
@@ -161,6 +163,29 @@ EDGES = {
 }
 
 
+@pytest.mark.slow(
+    "cell-null values",
+    "motor--40 degC",
+    "motor-100 degC",
+    "motor-at rest and null",
+    "motor-at rest",
+    "motor-backwards",
+    "motor-coasting",
+    "motor-cut off",
+    "motor-empty",
+    "motor-full",
+    "motor-null values",
+    "robot--40 degC",
+    "robot-100 degC",
+    "robot-at rest and null",
+    "robot-at rest",
+    "robot-backwards",
+    "robot-coasting",
+    "robot-cut off",
+    "robot-empty",
+    "robot-full",
+    "robot-null values",
+)
 @pytest.mark.parametrize("edge", EDGES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_finite_at_the_edges(kind: str, edge: str):
@@ -170,6 +195,7 @@ def test_derivatives_are_finite_at_the_edges(kind: str, edge: str):
     assert not bad.any(), [names(kind)[column] for column in np.flatnonzero(bad)]
 
 
+@pytest.mark.slow("robot")
 @pytest.mark.parametrize("kind", ["cell", "robot"])
 def test_the_derivative_by_the_initial_charge_is_whole_where_the_cell_is_full(kind: str):
     """A full cell is where most runs start: one-sided as the model is beyond, the slope is that of just below."""

@@ -85,6 +85,18 @@ def over_levels(model: Model, profile: Profile, ran: Trajectory, rows: int, colu
     return found
 
 
+@pytest.mark.slow(
+    "",
+    "arrhenius_resistance",
+    "capacity_temperature",
+    "charge_transfer",
+    "contact_heating",
+    "ocv_hysteresis",
+    "rate_capacity",
+    "resistance_ageing",
+    "self_discharge",
+    "self_heating",
+)
 @settings(max_examples=8)
 @given(st.lists(st.floats(0.3, 5.0), min_size=4, max_size=4), st.floats(0.3, 1.0))
 @pytest.mark.parametrize("effect", ["", *effects_of("cell")])
@@ -190,6 +202,7 @@ def test_what_a_saturated_start_takes_closes_with_the_square_of_the_step(load: f
     assert quarter < whole / 8.0
 
 
+@pytest.mark.slow("", "arrhenius_resistance")
 @pytest.mark.parametrize("effect", ["", *BRUSHES, *effects_of("robot")])
 def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect: str):
     """From the six cells to the wheels of two motors, through a start."""

@@ -150,6 +150,7 @@ def test_a_trajectory_becomes_a_table():
     np.testing.assert_array_equal(frame["soc"], ran.readings["soc"])
 
 
+@pytest.mark.slow("soc")
 @pytest.mark.parametrize("reading", ["soc", "pack_voltage_V"])
 def test_a_run_may_be_part_of_a_program_that_holds_its_profile(reading: str):
     """Closed over, not passed: XLA would abort the process on a kernel that is given constant arrays."""

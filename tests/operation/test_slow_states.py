@@ -64,6 +64,7 @@ def test_aged_cell_shows_its_capacity() -> None:
     assert float(jnp.abs(fixed.capacity_scale - 1.0).max()) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.7, 1.0])
 def test_band_holds_the_charge_of_an_aged_cell(start: float) -> None:
     measured, soc = drive(CELL, capacity=0.9, seed=1)
@@ -81,6 +82,7 @@ def test_offset_of_the_current_is_found() -> None:
     assert float(track.current_offset_A[-1]) == pytest.approx(0.1, abs=0.03)
 
 
+@pytest.mark.slow
 def test_filters_agree_where_the_cell_is_their_own() -> None:
     """Linearised or by sigma points: 10 % of resistance more, the start wrong by 0.3."""
     measured, soc = drive(CELL)
@@ -91,6 +93,7 @@ def test_filters_agree_where_the_cell_is_their_own() -> None:
     np.testing.assert_allclose(tracks[0].sd[-1], tracks[1].sd[-1], rtol=0.5)
 
 
+@pytest.mark.slow
 def test_state_of_hysteresis_is_carried_along() -> None:
     """A loop of 20 mV, its start unknown: without it, the voltage of its branch is wrong by up to 40 mV."""
     loop = with_effects(CATALOGUE["ocv_hysteresis"](M_V=0.02, g=40.0))
@@ -145,6 +148,7 @@ def test_correlated_innovations_count_as_fewer() -> None:
     assert wide / narrow == pytest.approx(np.sqrt((1.0 + r * r) / (1.0 - r * r)), rel=0.15)
 
 
+@pytest.mark.slow
 def test_float32_is_enough() -> None:
     measured, _ = drive(CELL)
     cost = single_precision(CELL, QUIET, measured, 0.7)

@@ -53,12 +53,14 @@ def with_voltage(measured: Measured, volts: np.ndarray) -> Measured:
     return Measured(measured.time_s, measured.current_A, measured.degC, jnp.asarray(volts))
 
 
+@pytest.mark.slow
 def test_filter_that_knows_everything_says_the_truth() -> None:
     track = run(RIGHT, COLD, [1.0, 1.0])
     np.testing.assert_allclose(track.soc[0], COLD_SOC, atol=2e-5)
     assert track.nis[0].max() < 1e-3
 
 
+@pytest.mark.slow
 def test_wrong_start_is_forgotten() -> None:
     track = run(Tuning(voltage_sd_V=5e-3), COLD, [0.8, 0.6])
     late = TIME_S > 900.0
@@ -66,6 +68,7 @@ def test_wrong_start_is_forgotten() -> None:
     assert rms(track.soc[1][late] - COLD_SOC[late]) < 0.01
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_the_filter_assumes() -> None:
     """White noise of the sd that it assumes: NIS is chi-square of one degree of freedom, mean 1, sd sqrt(2 / rows)."""
     noise = np.random.default_rng(5).normal(0.0, 5e-3, ROWS)
@@ -73,6 +76,7 @@ def test_innovations_are_as_large_as_the_filter_assumes() -> None:
     assert np.mean(track.nis[0]) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / ROWS))
 
 
+@pytest.mark.slow
 def test_charge_is_as_uncertain_as_the_filter_assumes() -> None:
     """Over many noises, the error at the end by its own sd has an RMS of 1."""
     tuning = Tuning(start_sd=0.05, charge_sd=1e-6, voltage_sd_V=0.05, drop_share=0.0, scale_sd=1e-4, offset_sd_V=1e-4)
@@ -85,6 +89,7 @@ def test_charge_is_as_uncertain_as_the_filter_assumes() -> None:
     assert 0.6 < rms(np.array(pulls)) < 1.5
 
 
+@pytest.mark.slow
 def test_without_readings_it_counts() -> None:
     track = run(Tuning(), with_voltage(COLD, np.full(ROWS, np.nan)), [0.9, 0.9])
     np.testing.assert_allclose(track.soc[0], COLD_SOC - 0.1, atol=1e-6)
@@ -92,6 +97,7 @@ def test_without_readings_it_counts() -> None:
     assert np.all(np.diff(track.sd[0]) > 0.0)
 
 
+@pytest.mark.slow
 def test_batch_is_its_members() -> None:
     both = run(Tuning(), COLD, [0.9, 0.7])
     swapped = run(Tuning(), COLD, [0.7, 0.9])
@@ -109,6 +115,7 @@ def test_filter_finds_a_scale_of_resistance() -> None:
     np.testing.assert_allclose(np.median(track.scale[:, 300:], axis=1), 1.3, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_polynomial_estimator_needs_the_temperature_in_the_cold() -> None:
     measured = polynomial_estimator(CELL, np.array([-20.0, 0.0, 10.0, 25.0]), 600.0)
     fixed = polynomial_estimator(CELL, np.array([25.0]), 600.0)
@@ -131,6 +138,7 @@ def test_error_is_counted_after_the_time_to_converge() -> None:
     assert trial.convergence_s(estimate, within=0.01) == np.inf
 
 
+@pytest.mark.slow
 def test_tuning_is_the_best_of_those_drawn() -> None:
     trial = Trial("made", COLD, COLD_SOC, TIME_S, (0.0, -0.2), rested=True)
     tuning, score = tune_filter([CELL], [trial], 2, lambda run: None)

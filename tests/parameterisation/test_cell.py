@@ -107,6 +107,7 @@ def test_what_the_data_cannot_give_is_said_with_a_test_that_would_give_it(found:
     assert "self_heating" not in found.case.effects
 
 
+@pytest.mark.slow
 def test_heat_capacity_and_transfer_are_recovered(heated: Parameterisation) -> None:
     for name, truth in (("C_th", 60.0), ("hA", 0.2)):
         assert abs(heated[name].value - truth) < SIGMAS * heated[name].sd

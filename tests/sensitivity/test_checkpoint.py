@@ -35,6 +35,7 @@ def course(parameters):
 LENGTH = 131  # prime: a rest is left over by any block
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("longest", [10**6, 40])
 def test_values_and_derivatives_are_those_of_the_plain_run(longest: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(checkpoint, "LONGEST", longest)
@@ -47,6 +48,7 @@ def test_values_and_derivatives_are_those_of_the_plain_run(longest: int, monkeyp
     np.testing.assert_allclose(jax.vmap(again)(lanes), jnp.stack([again(at), again(0.5 * at)]), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_long_run_is_cut_and_what_is_kept_grows_with_its_root(monkeypatch: pytest.MonkeyPatch):
     """Bytes that the compiled gradient of 400 and of 6,400 steps needs: four times, not sixteen, between them."""
 
@@ -63,6 +65,7 @@ def test_a_long_run_is_cut_and_what_is_kept_grows_with_its_root(monkeypatch: pyt
     assert needed(6400) < 6.0 * needed(400)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from Linux's /proc")
 def test_gradient_of_a_day_in_seconds_fits_in_a_gibibyte():
     """All parameters of a cell through 100,000 steps: the whole process, JAX included."""

@@ -59,6 +59,7 @@ def central_difference(response: Response):
     return jax.tree.map(lambda y: jnp.tensordot(weights, y.reshape(4, size.size, *y.shape[1:]), axes=1), flat)
 
 
+@pytest.mark.slow
 def test_derivative_is_the_central_difference(response: Response):
     """Of every metric and of every output at every row, by every parameter that enters."""
     answer, derivative = jacobian(response, response.values(), "forward")
@@ -98,6 +99,7 @@ EXTREMES = {
 }
 
 
+@pytest.mark.slow
 def test_every_derivative_is_finite_at_the_edges(kind: str, model: Model, profile: Profile, response: Response):
     """Full, empty, at rest, charging, without friction: the same compiled program with other numbers in it."""
     for parameters, inputs in EXTREMES[kind]:
@@ -199,6 +201,7 @@ def test_an_effect_at_its_null_moves_by_a_middling_value():
     assert step["charge_transfer.i_0"] == 1.0
 
 
+@pytest.mark.slow
 def test_only_what_enters_is_differentiated():
     level = constant(2.0, 1.0, duty=0.2, load_torque_Nm=0.1, ambient_degC=20.0)
     slope = constant(2.0, 1.0, duty=0.2, incline_deg=3.0, ambient_degC=20.0)
@@ -215,6 +218,7 @@ def test_only_what_enters_is_differentiated():
     )
 
 
+@pytest.mark.slow
 def test_mode_follows_the_counts_and_is_recorded(plain_cell: xarray.Dataset):
     """Break-evens as measured: reverse mode costs as much as a few tangents, of a run in blocks as some fifty."""
     assert choose_mode(parameters=2, numbers=1) == "forward"
@@ -292,6 +296,7 @@ def test_ideal_sensors_read_what_a_sweep_keeps(profiles: dict[str, Profile]):
         np.testing.assert_allclose(both[1][name], both[0][name], rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_is_summed_up_to_its_end():
     """To SOC 0.9: the gradient is that of the run, and the energy stops growing there."""
     profile = constant(2000.0, 100.0, current_A=5.0, ambient_degC=20.0)
@@ -325,6 +330,7 @@ def test_a_wrong_name_is_answered_with_the_nearest(asked: dict, error: type[Exce
         local_sensitivities(Model("cell"), constant(2.0, 1.0, current_A=1.0, ambient_degC=20.0), **asked)
 
 
+@pytest.mark.slow
 def test_vector_instructions_agree_with_xla(model: Model, profiles: dict[str, Profile]):
     """With all effects but the sensors that have a state."""
     inputs = {name: np.full(601, column[0]) for name, column in profiles[model.kind].inputs.items()}

@@ -85,6 +85,7 @@ def test_slopes_are_the_elasticities_of_the_local_study(motor: xarray.Dataset):
     np.testing.assert_allclose(motor.linear_change, local.metric_change, rtol=1e-9, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_curvature_is_the_second_derivative(cell: xarray.Dataset):
     """Differences of exact slopes against a jvp of a jvp."""
     response = make_response(CELL, CELL_PROFILE)

@@ -27,6 +27,7 @@ def refuse(*given: object) -> None:
     raise NotNative("anything")
 
 
+@pytest.mark.slow("XLA")
 @pytest.mark.parametrize("way", ["vector instructions", "XLA"])
 def test_each_lane_is_the_run_at_its_own_point(monkeypatch: pytest.MonkeyPatch, way: str):
     """Through XLA in three batches, the last one not full."""

@@ -96,6 +96,7 @@ def test_processor_is_no_gpu() -> None:
     assert not by_cuda.is_cuda(jax.devices("cpu")[0])
 
 
+@pytest.mark.slow("robot, all effects, cut-off")
 @pytest.mark.parametrize("what", STUDIES)
 def test_kernel_calls_nothing_outside(what: str) -> None:
     study = Study(**STUDIES[what])

@@ -128,6 +128,7 @@ def apart(one: xr.Dataset, other: xr.Dataset) -> np.ndarray:
     return worst
 
 
+@pytest.mark.slow("motor, all effects", "robot on slopes, friction at standstill", "robot, all effects, cut-off")
 @pytest.mark.parametrize("what", STUDIES)
 def test_vector_instructions_give_what_xla_gives(what: str) -> None:
     fields = STUDIES[what]

@@ -83,6 +83,7 @@ def scheduler_and_workers(count: int, folder: Path) -> Iterator[tuple[str, list[
         log.close()
 
 
+@pytest.mark.slow
 def test_killed_worker_costs_its_chunk_and_no_bit(study, local, tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "LANE_STEPS_PER_CHUNK", 60 * 64)
     """One of two is killed early; later the other, when only one that came meanwhile can finish."""
@@ -112,6 +113,7 @@ def test_killed_worker_costs_its_chunk_and_no_bit(study, local, tmp_path, monkey
         assert_same_bits(result, local)
 
 
+@pytest.mark.slow
 def test_local_cluster_gives_the_same_bits(study, local, tmp_path, monkeypatch):
     """The workers send results back where there is no place to write them, and else write them themselves."""
     assert_same_bits(run(study, engine="dask"), local)

@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
+
+@pytest.mark.slow
 def test_bits_do_not_depend_on_the_number_of_devices():
     """In processes of their own: JAX counts the devices once. With effects, a cut-off and courses."""
     program = """

@@ -117,6 +117,7 @@ def test_a_sweep_into_a_bucket_goes_on_where_it_stopped(study, whole, url, many_
         run(study, out=url)
 
 
+@pytest.mark.slow("s3")
 def test_an_object_that_was_damaged_or_lost_is_computed_again(study, whole, url, many_chunks):
     run(study, out=url)
     bucket = place_of(url)

@@ -124,6 +124,7 @@ sweeps.run(study, out=sys.argv[2], resume=True)
 """
 
 
+@pytest.mark.slow
 def test_killed_ten_times_at_random_moments_and_resumed_gives_the_same_bits(cell_study, tmp_path):
     """Each run is a process of its own, ended by SIGKILL: after a few ms, or after some more chunks and a few ms.
 

@@ -48,6 +48,7 @@ def long_case(made_case: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_million_readings_are_drawn_with_their_extremes_and_exactly_where_zoomed(
     browser: Any, long_case: Path, tmp_path: Path
 ) -> None:
@@ -90,6 +91,7 @@ def done_of(page: Any) -> tuple[int, int]:
     return done, of
 
 
+@pytest.mark.slow
 def test_a_stopped_sweep_keeps_what_is_done_and_goes_on(browser: Any, made_case: Path, tmp_path: Path) -> None:
     server = Server(tmp_path / "sessions", str(shutil.copytree(made_case, tmp_path / "small")))
     try:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.app.browser.conftest import REPOSITORY, Server, Visitor
 
 Visit = Callable[..., Visitor]
@@ -94,6 +96,7 @@ def test_the_shipped_example_from_data_to_report(visit: Visit) -> None:
     assert visitor.complaints == []
 
 
+@pytest.mark.slow
 def test_a_made_case_is_diagnosed_stopped_and_taken_over(visit: Visit, made_case: Path) -> None:
     visitor = visit()
     page = visitor.page
@@ -137,6 +140,7 @@ def test_a_made_case_is_diagnosed_stopped_and_taken_over(visit: Visit, made_case
     assert visitor.complaints == []
 
 
+@pytest.mark.slow
 def test_raw_files_are_imported_corrected_and_compared(visit: Visit, log: Path) -> None:
     visitor = visit()
     page = visitor.page
@@ -237,6 +241,7 @@ def test_two_users_do_not_see_each_other(visit: Visit, made_case: Path) -> None:
     assert "no such session" in second.page.inner_text("body")
 
 
+@pytest.mark.slow
 def test_a_killed_server_takes_its_sessions_up_again(browser: Any, tmp_path: Path, made_case: Path) -> None:
     copy = Path(shutil.copytree(made_case, tmp_path / "small"))
     server = Server(tmp_path / "sessions", str(copy))

@@ -267,6 +267,7 @@ def test_an_import_takes_what_a_form_sends_as_text(session: Session, tmp_path: P
     assert wrong["now"].startswith("--controller k_p: give position:NAME=VALUE")
 
 
+@pytest.mark.slow
 def test_the_script_repeats_the_session(made_case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = {"source": {"how": "case"}, "path": str(made_case), "script": [["add", ["self_heating"]], ["undo", []]]}
     program = script_of(view)

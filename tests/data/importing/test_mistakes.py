@@ -154,6 +154,7 @@ def test_a_load_that_never_changes_tells_nothing(tmp_path: Path):
     assert odd(imported(tmp_path, motor_log().assign(torque_Nm=1e-4), "motor")) == []
 
 
+@pytest.mark.slow("a123_26650_plett")
 @pytest.mark.parametrize(
     "folder", ["a123_26650_plett", "dmegc_18650_electrothermal", "k2_lfp_26650", "lg_mj1_18650", "nasa_18650_ageing"]
 )

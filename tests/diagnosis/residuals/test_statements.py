@@ -202,6 +202,7 @@ def test_no_error_gives_no_statement() -> None:
     assert statements(residuals.rows(np.zeros(residuals.error.size, dtype=bool))) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made", [constant_currents, pulses])
 @pytest.mark.parametrize("rho", [0.0, 0.9, 0.98])
 def test_noise_alone_hardly_ever_gives_a_statement(made, rho: float) -> None:
@@ -210,6 +211,7 @@ def test_noise_alone_hardly_ever_gives_a_statement(made, rho: float) -> None:
     assert false <= 2  # of 20: more would be improbable (8 %) at a rate of one in twenty
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), scale=st.floats(1e-6, 1e3), understated=st.floats(0.1, 1.0))
 def test_the_unit_and_a_noise_stated_too_small_change_no_statement(seed: int, scale: float, understated: float) -> None:
