@@ -51,7 +51,7 @@ notebooks: $(INSTALLED_DOCS)
 bench: $(INSTALLED) bench-peers
 	$(BIN)/python -m benchmarks
 
-# A minute: ours against C alone, compared with the committed ratios; fails if the step has become slower.
+# Three minutes: ratios to peers, held against the last ones in benchmarks/history.csv; fails if one has become larger.
 bench-check: $(INSTALLED)
 	$(BIN)/python -m benchmarks check
 

@@ -1,7 +1,7 @@
 """`make bench`: ours against C by hand and against other solvers, as ratios on the same work in one run.
 
 `python -m benchmarks derivatives` measures that part anew and keeps the rest. `python -m benchmarks check` measures
-ours against C, writes nothing, and fails if ours has become slower.
+ratios to peers and fails if one has become larger; `check --keep` appends them to `history.csv`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import jax
 from benchmarks import growth, report
 from benchmarks.accelerator import on_accelerator
 from benchmarks.against_c import against_c
-from benchmarks.check import check, ratios_of
+from benchmarks.check import check
 from benchmarks.commands import times_of_commands
 from benchmarks.derivatives import cost_of_derivatives, memory_of_a_long_gradient
 from benchmarks.equal_accuracy import EqualAccuracy
@@ -90,8 +90,8 @@ def main(wanted: Sequence[str]) -> None:
     What is not run, or left out for want of a GPU, keeps the figures, and the machine, of the run before.
     """
     began, folder = time.perf_counter(), Path(__file__).parent
-    if list(wanted) == ["check"]:
-        raise SystemExit(check(folder) or None)
+    if wanted[:1] == ["check"]:
+        raise SystemExit(check(keep=wanted[1:] == ["--keep"]) or None)
     unknown = set(wanted) - set(PARTS)
     if unknown:
         raise SystemExit(f"no part is called {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}, and check")
@@ -101,7 +101,6 @@ def main(wanted: Sequence[str]) -> None:
     left_out = [name for name, part in found.items() if "left_out" in part]
     kept: dict[str, Any] = before if wanted else {name: before[name] for name in left_out if name in before}
     results = kept | {name: part for name, part in found.items() if name not in left_out}
-    results["ratios_by_vectors"] = before["ratios_by_vectors"] | ratios_of(found.get("against_c", []))
     results["machine"] = kept.get("machine", machine)
     named = [name for name in wanted if name not in left_out]
     of_others = {name: of for name, of in before.get("machine_of", {}).items() if name in kept}
