@@ -241,8 +241,19 @@ def test_module_is_short(room: str) -> None:
 def test_tests_mirror_the_rooms() -> None:
     tested = {path.parent.relative_to(REPOSITORY / "tests").parts[:1] for path in REPOSITORY.glob("tests/**/test_*.py")}
     with_code = {(room,) for room in ROOMS if len(modules_of(room)) > 1}
-    # tests/independent is the independent simulator, tested like the product; tests/stress is of every reader.
-    assert tested - {(), ("independent",), ("examples",), ("stress",)} == with_code
+    # tests/stress is of every reader.
+    assert tested - {(), ("examples",), ("stress",)} == with_code
+
+
+def test_benchmarks_do_without_the_tests() -> None:
+    """Tests import benchmarks, to test them; the other way a benchmark would need the tests to run."""
+    taken = {
+        place(path)
+        for path in files_of("benchmarks")
+        for name, _ in imported_names(ast.parse(path.read_text(encoding="utf-8")))
+        if name.partition(".")[0] == "tests"
+    }
+    assert taken == set()
 
 
 def test_every_dependency_has_its_reason_and_is_used() -> None:

@@ -16,8 +16,8 @@ from benchmarks.discrepancy.hidden import Blind, Drawn
 from benchmarks.discrepancy.judge import Judged, calibration_error, keep, metrics, power, reliability, report
 from benchmarks.discrepancy.publish import filled, publish
 from benchmarks.discrepancy.rates import Rate
-from tests.independent.make_case import Run
-from tests.independent.profiles import make_profile
+from benchmarks.independent.make_case import Run
+from benchmarks.independent.profiles import make_profile
 
 
 def said(verdict: str, *names: str, probability: float = 0.97, sd: float = 0.1, **more: Any) -> dict[str, Any]:

@@ -21,9 +21,9 @@ from benchmarks.discrepancy.ranges import (
     strong,
 )
 from benchmarks.discrepancy.tables import stated_table, true_tables
-from tests.independent.integrate import simulate
-from tests.independent.make_case import Run
-from tests.independent.profiles import make_profile
+from benchmarks.independent.integrate import simulate
+from benchmarks.independent.make_case import Run
+from benchmarks.independent.profiles import make_profile
 
 BENCH_FROM = 5000
 GROUPS = {

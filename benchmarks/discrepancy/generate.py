@@ -23,11 +23,11 @@ from benchmarks.discrepancy.ranges import (
     names,
 )
 from benchmarks.discrepancy.truth import write_answer
-from tests.independent.effects import reported_inputs
-from tests.independent.forms import OTHER_FORMS
-from tests.independent.integrate import simulate
-from tests.independent.make_case import Run, write_case
-from tests.independent.profiles import make_profile
+from benchmarks.independent.effects import reported_inputs
+from benchmarks.independent.forms import OTHER_FORMS
+from benchmarks.independent.integrate import simulate
+from benchmarks.independent.make_case import Run, write_case
+from benchmarks.independent.profiles import make_profile
 
 KINDS = {"cell": 0.45, "motor": 0.3, "robot": 0.25}
 CLASSES = {"null": 0.25, "single": 0.42, "double": 0.1, "sensor": 0.11, "outside": 0.12}

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from benchmarks.discrepancy.ranges import EFFECTS
-from tests.independent.make_case import Run
+from benchmarks.independent.make_case import Run
 
 # By number of effects, as `answer.toml` has it.
 CLASS_OF_EFFECTS = ("null", "single", "double", "triple", "quad", "five")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.independent.integrate import DEFAULTS
+from benchmarks.independent.integrate import DEFAULTS
 
 # Places in an effect's usual range at which the power is asked for: 0 its low end, 1 its high end.
 PLACES = np.linspace(0.0, 1.0, 9)

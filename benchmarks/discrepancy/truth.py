@@ -11,10 +11,10 @@ import numpy as np
 from benchmarks.discrepancy.hidden import Blind, Drawn
 from benchmarks.discrepancy.tables import VALUES
 from benchmarks.discrepancy.visible import fit, residuals, rms_of, stands_out, with_truth, without
+from benchmarks.independent.make_case import in_toml
 from jaxmodel.case.known import Table
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
-from tests.independent.make_case import in_toml
 
 # What a perfect model leaves may be so much more than the noise that was added. Else the independent simulator and the
 # engine do not mean the same by what is hidden.

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from benchmarks.independent import Run, make_profile, simulate, write_case
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
-from tests.independent import Run, make_profile, simulate, write_case
 
 SOC = np.round(np.linspace(0.0, 1.0, 21), 2)
 OCV = np.round(-1.031 * np.exp(-35.0 * SOC) + 3.685 + 0.2156 * SOC - 0.1178 * SOC**2 + 0.3201 * SOC**3, 4)
@@ -137,7 +137,7 @@ def _measured(which: str, uneven: bool = False) -> tuple[list[Run], list[dict[st
     effects = {"none": {}, "three": THREE, "four": FOUR, "diffusion": DIFFUSION, "arrhenius": ARRHENIUS}[which]
     made = drives(uneven_times()) if uneven else drives()
     # `current_offset`: the profile is the true one, and the independent simulator is given the reported one.
-    from tests.independent.effects import reported_inputs
+    from benchmarks.independent.effects import reported_inputs
 
     read = [simulate("cell", TRUE, reported_inputs(r.profile, effects), effects, r.initial_soc) for r in made]
     return made, read

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from benchmarks.independent import Run as Drive
+from benchmarks.independent import make_profile, simulate, write_case
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Measured
@@ -22,8 +24,6 @@ from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.space import ModelSpace
 from jaxmodel.model.simulation import simulate as simulated
-from tests.independent import Run as Drive
-from tests.independent import make_profile, simulate, write_case
 
 NOISE_V = 0.002
 TRUE = {"capacity_Ah": 2.05, "series_resistance_scale": 1.09, "rc_resistance_scale": 0.93, "storage_months": 0}

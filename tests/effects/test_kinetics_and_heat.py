@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.independent import simulate
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.model.cell import ZERO_DEGC_IN_K
@@ -16,7 +17,6 @@ from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.ports import CellContext, Effect
 from jaxmodel.model.profile import Profile, constant
-from tests.independent import simulate
 from tests.model.runs import readings, staircase
 
 CONSTANT = {"ocv": 3.7, "R_ints": 0.05, "R_TS": 0.03, "C_TS": 900.0, "R_TL": 0.04, "C_TL": 5000.0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.independent import simulate
 from jaxmodel.case.build import make_effect
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Table
@@ -13,7 +14,6 @@ from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.ports import Effect
 from jaxmodel.model.profile import Profile, constant
-from tests.independent import simulate
 from tests.model.runs import readings, staircase
 
 RARE = [name for name, cls in CATALOGUE.items() if cls.rare]

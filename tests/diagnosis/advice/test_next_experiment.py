@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.independent import simulate
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice.next_experiment import (
@@ -23,7 +24,6 @@ from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.lanes import compiled
 from tests.diagnosis.made_cases import NOISE_V, SOC_SD, TRUE, cache_of, case_of, made_cell, run_of
-from tests.independent import simulate
 
 HIDDEN = {"capacity_temperature": {"a": 0.0006}}
 RIVALS = ("capacity_temperature", "entropic_ocv")

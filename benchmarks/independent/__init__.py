@@ -7,8 +7,8 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-from .integrate import simulate  # noqa: E402  (the precision is set before anything is traced)
-from .make_case import Run, write_case  # noqa: E402
-from .profiles import PATTERNS, make_profile  # noqa: E402
+from benchmarks.independent.integrate import simulate  # noqa: E402  (the precision is set before anything is traced)
+from benchmarks.independent.make_case import Run, write_case  # noqa: E402
+from benchmarks.independent.profiles import PATTERNS, make_profile  # noqa: E402
 
 __all__ = ["PATTERNS", "Run", "make_profile", "simulate", "write_case"]

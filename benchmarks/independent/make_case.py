@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .effects import Columns, Effects, reported_inputs
-from .integrate import simulate
+from benchmarks.independent.effects import Columns, Effects, reported_inputs
+from benchmarks.independent.integrate import simulate
 
 INPUTS = (
     "current_A",

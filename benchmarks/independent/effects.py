@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .forms import OTHER_FORMS
+from benchmarks.independent.forms import OTHER_FORMS
 
 Effects = Mapping[str, Mapping[str, Any]]
 Columns = dict[str, np.ndarray]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.independent import simulate
 from jaxmodel.case.build import make_effect
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.profile import Profile
 from jaxmodel.model.simulation import simulate as run
-from tests.independent import simulate
 
 STRONG = {"R_0": 0.063, "k_tau": 0.039}  # an inrush of two hundred ampere
 SLOW = STRONG | {"J": 0.003}  # on a brake, with a time constant of an eighth of a second

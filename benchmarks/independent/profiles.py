@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .effects import Columns
+from benchmarks.independent.effects import Columns
 
 
 class Pattern(NamedTuple):

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from .effects import Columns, Effects, complete, sensed, true_inputs
-from .equations import GRAVITY, STATES, Tree, algebra, derivative, readings
+from benchmarks.independent.effects import Columns, Effects, complete, sensed, true_inputs
+from benchmarks.independent.equations import GRAVITY, STATES, Tree, algebra, derivative, readings
 
 FIRST_STEP_AFTER_JUMP_S = 1e-5  # well below the 0.7 ms of the armature
 ROWS_READ_AT_ONCE = 512  # one compiled shape for readings of any length

@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .forms import either, levelling
+from benchmarks.independent.forms import either, levelling
 
 CELL_STATES = ("soc", "v_ts", "v_tl", "v_3", "hysteresis", "t_cell")
 WEAK_CELL_STATES = ("soc_weak", "v_ts_weak", "v_tl_weak")  # one cell of smaller capacity in a robot's pack

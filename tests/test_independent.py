@@ -12,15 +12,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
+from benchmarks.independent import Run, make_profile, simulate, write_case
+from benchmarks.independent.equations import open_circuit_voltage, series_resistance
+from benchmarks.independent.forms import OTHER_FORMS
+from benchmarks.independent.integrate import prepare_parameters
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.declaration import describe
 
-from . import Run, make_profile, simulate, write_case
-from .equations import open_circuit_voltage, series_resistance
-from .forms import OTHER_FORMS
-from .integrate import prepare_parameters
-
-REFERENCE = Path(__file__).resolve().parents[2].parent / "shared" / "reference"
+REFERENCE = Path(__file__).resolve().parents[1].parent / "shared" / "reference"
 INPUTS = {
     "cell": ["current_A", "ambient_degC"],
     "motor": ["voltage_V", "load_torque_Nm", "ambient_degC"],
