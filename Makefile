@@ -10,7 +10,7 @@ INSTALLED_DOCS := .venv/.installed-docs
 # Python is told to keep no bytecode, every process would compile them again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-oldest docs notebooks bench bench-check bench-peers format hooks \
+.PHONY: demo test test-all coverage test-oldest docs notebooks bench bench-check bench-peers format hooks \
 	release-check dist release clean
 
 demo: $(INSTALLED)
@@ -29,6 +29,11 @@ test: $(INSTALLED)
 # The tests marked as slow too: before a release, and after a change of what they test.
 test-all:
 	$(MAKE) test TESTS=--all
+
+# Lines and branches of the library that the fast tests run, the least covered modules first. Shown, with no bound: a
+# bound asks for tests that run lines, not for tests that can fail. What runs in a kernel or under jit is traced once.
+coverage: $(INSTALLED)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report=term $(TESTS)
 
 # The fast tests with the oldest releases that pyproject.toml allows, in an environment apart: before a release. Old
 # releases call what newer ones deprecate; that is no error of ours.
@@ -100,5 +105,5 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	rm -rf .venv .venv-oldest .jax-cache workbench-pictures .hypothesis .coverage .pytest_cache .ruff_cache build dist site demo-results *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
