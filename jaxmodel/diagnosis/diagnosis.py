@@ -257,7 +257,7 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
         runs=tuple(
             run_found(cache, last_fit, last, label, removes[label])
             for label in labels
-            if groups[label] == "run" and found.tests[label].named
+            if groups[label] == "run" and found.tests[label].named and not stays
         ),
         specimens=tuple(
             specimen_found(cache, last, label, _not_told_apart(cache, found, label), removes[label])

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 
 from jaxmodel.diagnosis.comparison import ABOVE_NOISE, Comparison, Test
-from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.candidates import SHIFTED
 from jaxmodel.fit.estimate import NONE, Fit
@@ -349,7 +349,7 @@ class Search(Comparison):
         """Return the best effects that curves of no table with evidence imitate, by scores without them."""
         cache = self.cache
         curves = [label for label, test in self.curves(cache.fit(model, "beside")).items() if test.significant]
-        imitated = {name for label in curves if label in OF_NO_TABLE for name in CURVES[label].imitates}
+        imitated = {name for label in curves if label in cache.of_no_table for name in CURVES[label].imitates}
         known = [one for one in sorted(imitated) if one in cache.space.candidates and one not in model]
         if not (known := [name for name in known if self.may_enter(model, name)]):
             return []

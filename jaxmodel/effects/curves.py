@@ -400,9 +400,9 @@ CURVES: dict[str, type[Curve]] = {
         TorqueConstantCurve,
     )
 }
-# These belong to the model that predicts, and not to the base against which effects are tested: each is what an effect
-# is too, and most cases state no table of it.
-OF_NO_TABLE = (
+# These belong to the model that predicts, and not to the base against which effects are tested, unless the case states
+# a table of them with an sd: each is what an effect is too, and most cases state none.
+OF_RARE_TABLES = (
     "entropy_curve",
     "series_energy",
     "short_energy",
@@ -410,3 +410,16 @@ OF_NO_TABLE = (
     "friction_curve",
     "torque_constant_curve",
 )
+# Which curves act on which tables, and whether they raise or lower them: a pair keeps its time constant where its
+# resistance is corrected.
+TABLES_OF = {
+    "ocv_curve": {"ocv": 1.0},
+    "series_resistance_curve": {"R_ints": 1.0},
+    "short_resistance_curve": {"R_TS": 1.0, "C_TS": -1.0},
+    "long_resistance_curve": {"R_TL": 1.0, "C_TL": -1.0},
+    "short_time_curve": {"C_TS": 1.0},
+    "long_time_curve": {"C_TL": 1.0},
+    "entropy_curve": {"dU_dT": 1.0},
+}
+# Which curves act on which tables of a motor.
+MOTOR_TABLES_OF = {"friction_curve": "friction", "torque_constant_curve": "torque_factor"}

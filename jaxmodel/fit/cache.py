@@ -12,12 +12,13 @@ from jaxmodel.base.errors import FitError
 from jaxmodel.base.memory import give_back
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case
-from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
+from jaxmodel.effects.curves import CURVES, MOTOR_TABLES_OF, OF_RARE_TABLES, TABLES_OF
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import AMPLITUDES, NONE, SPREADS, STEPS, Fit, calibrate, rarer
 from jaxmodel.fit.gauss_newton import descend, errors_at
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood, from_tolerances
+from jaxmodel.fit.linearisation import solved
 from jaxmodel.fit.noise.contract import noise_of_case
 from jaxmodel.fit.noise.of_speed import with_noise_of_speed
 from jaxmodel.fit.preparation import prepared
@@ -35,6 +36,10 @@ Curves = Literal["none", "base", "all", "beside"]
 LEAST_BETTER = 0.5
 # Mean square error of a channel, over that of a simpler model, from which a start has given it up. Assumed.
 GIVEN_UP = 1.1
+# A channel with at least so many readings for each independent one, and errors of so many sd of its noise, may be
+# calibrated from the weights of noise, where those would leave at most this share of what is above it: half the error.
+# Assumed.
+SLOW, QUIET, LEFT = 10.0, 1.15, 0.25
 # Random points from which the first fit may start, where the stated model stands still. Assumed.
 _RANDOM_STARTS = 15
 
@@ -119,6 +124,14 @@ class FitCache:
         """Return the model with some additions, and the curves that belong to it."""
         return self.space.spec((*self.curves_of(labels, curves), *labels))
 
+    @functools.cached_property
+    def of_no_table(self) -> frozenset[str]:
+        """Return the curves of relations of which the case states no table that may be wrong."""
+        tables = self.case.tables | self.case.motor_tables
+        stated = {name for name, table in tables.items() if table.sd is not None}
+        of = TABLES_OF | {name: (table,) for name, table in MOTOR_TABLES_OF.items()}
+        return frozenset(name for name in OF_RARE_TABLES if not stated & set(of.get(name, ())))
+
     def curves_of(self, labels: Sequence[str], curves: Curves = "base", beside: Sequence[str] = ()) -> Labels:
         """Return the curves of a model with some additions; `beside` are more effects that no curve may imitate."""
         if curves == "none":
@@ -129,7 +142,11 @@ class FitCache:
             for name, one in CURVES.items()
             if name in self.space.candidates
             and set(one.needs) <= present
-            and (name not in OF_NO_TABLE or curves == "all" or (curves == "beside" and not named & set(one.imitates)))
+            and (
+                name not in self.of_no_table
+                or curves == "all"
+                or (curves == "beside" and not named & set(one.imitates))
+            )
         )
 
     def fit(self, labels: Sequence[str], curves: Curves = "base", beside: Sequence[str] = ()) -> Fit:
@@ -142,7 +159,8 @@ class FitCache:
         more = curves in ("all", "beside")
         key = (labels, more, own)  # the same curves may be asked for by several names
         if key not in self._fits:
-            self._fits[key] = self._with_more_curves(labels, own) if more else self._calibrated(labels, curves)
+            fit = self._with_more_curves(labels, own) if more else self._calibrated(labels, curves)
+            self._fits[key] = self._quieter(fit) if own else fit
         return self._fits[key]
 
     @property
@@ -218,7 +236,7 @@ class FitCache:
     def _with_more_curves(self, labels: Labels, curves: Labels) -> Fit:
         """Return a model with curves of no table too, from where it is without them and from the stated numbers."""
         before = self.fit(labels)
-        amplitudes = {**before.spec.amplitudes, **dict.fromkeys(OF_NO_TABLE, 1.0)}
+        amplitudes = {**before.spec.amplitudes, **dict.fromkeys(self.of_no_table, 1.0)}
         spec = self.space.spec((*curves, *labels), amplitudes, before.spec.spreads)
         stated = np.zeros_like(before.x)
         effects = [place for label in labels for place in self.space.layout.of[label]]
@@ -233,10 +251,6 @@ class FitCache:
         A channel that is given up counts for little in the evidence: a start that misses one by more than its tolerance
         and more than a simpler model does has not found the place.
         """
-
-        def evidence(fit: Fit, weights: Likelihood) -> float:
-            return fit.log_evidence(weights) - rarer(fit.spec)
-
         earlier = simpler.mean_squares(self.view)
 
         def gives_up(fit: Fit) -> bool:
@@ -247,12 +261,29 @@ class FitCache:
 
         fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
         fits = [one for one in fits if not gives_up(one)] or fits
-        best = fits[0]
-        for other in fits[1:]:
-            weights = (best.likelihood, other.likelihood)
-            if sum(evidence(other, one) - evidence(best, one) for one in weights) > 2.0 * LEAST_BETTER:
-                best = other
-        return best
+        return functools.reduce(_better, fits)
+
+    def _quieter(self, fit: Fit) -> Fit:
+        """Return a model calibrated from the weights of its sensors' noise, where that has more evidence.
+
+        Errors that last minutes count as few readings, and so they stay: weights and errors ask for each other. How
+        much of them the weights of noise would leave is algebra, and few models need the second calibration.
+        """
+        if not self.is_within_tolerance(fit):
+            return fit
+        data, before = self.view.data, fit.mean_squares(self.view)
+        noise = {
+            name: float(np.mean([data.sd[rows][0] for rows in slices])) for name, slices in data.by_channel.items()
+        }
+        weights = from_tolerances(data, noise, inflation=1.0)
+        gram = fit.linear.under(weights)
+        x = solved(gram.square, gram.aim, fit.spec.precision)
+        for name, one in fit.linear.by_channel.items():
+            missed, left = before[name] - noise[name] ** 2, one.misfit(x) / one.count - noise[name] ** 2
+            is_slow = fit.likelihood.channels[name].inflation > SLOW and before[name] > (QUIET * noise[name]) ** 2
+            if is_slow and left < LEFT * missed:
+                return _better(fit, calibrate(self.view, fit.spec, fit.x, self.tolerances, weights))
+        return fit
 
     def flexible(self, spec: ModelSpec, spread: float = 1.0) -> ModelSpec:
         """Return a model with its curves as free as they may be, where its calibration begins.
@@ -358,6 +389,16 @@ class FitCache:
     def _scored(self, fit: Fit, screened: Screen, likelihood: Likelihood | None = None) -> Scores:
         is_common = np.array([self.space.layout.runs[place] < 0 for place in fit.spec.free])
         return Scores(screened, self.view.data, fit, self.space.candidates, is_common, likelihood)
+
+
+def _better(one: Fit, other: Fit) -> Fit:
+    """Return the second of two fits of a model if it has more evidence, under the weights of both; else the first."""
+
+    def evidence(fit: Fit, weights: Likelihood) -> float:
+        return fit.log_evidence(weights) - rarer(fit.spec)
+
+    more = sum(evidence(other, weights) - evidence(one, weights) for weights in (one.likelihood, other.likelihood))
+    return other if more > 2.0 * LEAST_BETTER else one
 
 
 def _why_no_readings(case: Case) -> str:

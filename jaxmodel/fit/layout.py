@@ -183,10 +183,8 @@ def _within(coordinate: Coordinate, known: Known, soc: np.ndarray) -> Coordinate
 def _starts(case: Case, number: int) -> dict[str, Known]:
     """Return the initial states that are always uncertain: temperature and hysteresis of a cell.
 
-    The temperature is the stated one, else the ambient temperature if the first reading differs from it by no more than
-    two thermometers may, or by what it does in most runs: were it that reading, a thermometer that is off would have a
-    prior on its side in every run. Else it is the first reading, and that of a check run, whose thermometer is not on
-    trial: it may be off by as much as it differs.
+    The temperature is the stated one, else the ambient temperature of a cell that was at rest. Else it is the first
+    reading, and that of a check run, whose thermometer is not on trial: it may be off by as much as it differs.
     """
     if case.kind == "motor":
         return {}
@@ -197,12 +195,20 @@ def _starts(case: Case, number: int) -> dict[str, Known]:
     elif run.split == "check":
         rise = Known(off, float(np.clip(abs(off), FIRST_READING_K, THERMOMETERS_DIFFER_K)))
     else:
-        usual = float(np.median([_above_ambient(one) for one in case.runs]))
-        as_usual = abs(usual) <= THERMOMETERS_DIFFER_K and abs(off - usual) <= FIRST_READING_K
-        at_rest = abs(off) <= THERMOMETERS_DIFFER_K or as_usual
-        rise = Known(0.0, AMBIENT_K) if at_rest else Known(off, FIRST_READING_K)
+        rise = Known(0.0, AMBIENT_K) if was_at_rest(case, run) else Known(off, FIRST_READING_K)
     found = {"initial_hysteresis": Known(0.0, HYSTERESIS)}
     return found | ({"initial_temperature_rise_K": rise} if rise.sd is not None else {})
+
+
+def was_at_rest(case: Case, run: Run) -> bool:
+    """Return True if a cell may be as warm as its surroundings when a run begins.
+
+    Its first reading differs from the ambient temperature by no more than two thermometers may, or by what it does in
+    most runs: were that reading its temperature, a thermometer that is off would have a prior on its side in every run.
+    """
+    off, usual = _above_ambient(run), float(np.median([_above_ambient(one) for one in case.runs]))
+    as_usual = abs(usual) <= THERMOMETERS_DIFFER_K and abs(off - usual) <= FIRST_READING_K
+    return abs(off) <= THERMOMETERS_DIFFER_K or as_usual
 
 
 def _above_ambient(run: Run) -> float:

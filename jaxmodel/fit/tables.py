@@ -11,25 +11,13 @@ import numpy as np
 
 from jaxmodel.case.known import MotorTable, Table
 from jaxmodel.case.records import Case
+from jaxmodel.effects.curves import MOTOR_TABLES_OF, TABLES_OF
 from jaxmodel.fit.estimates import CurveAtKnots
 from jaxmodel.model import curves as formulas
 from jaxmodel.model.cell import cycle_resistance
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.ports import fold, touches
 
-# Which curves act on which tables, and whether they raise or lower them: a pair keeps its time constant where its
-# resistance is corrected.
-TABLES_OF = {
-    "ocv_curve": {"ocv": 1.0},
-    "series_resistance_curve": {"R_ints": 1.0},
-    "short_resistance_curve": {"R_TS": 1.0, "C_TS": -1.0},
-    "long_resistance_curve": {"R_TL": 1.0, "C_TL": -1.0},
-    "short_time_curve": {"C_TS": 1.0},
-    "long_time_curve": {"C_TL": 1.0},
-    "entropy_curve": {"dU_dT": 1.0},
-}
-# Which curves act on which tables of a motor.
-_MOTOR_TABLES_OF = {"friction_curve": "friction", "torque_constant_curve": "torque_factor"}
 TEMPERATURE_KNOTS = (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 # Largest error of linear interpolation between points of a table: V of a voltage, a share of everything else.
 _TOLERANCE_V, _TOLERANCE_V_PER_K, _TOLERANCE, _TOLERANCE_OF_FACTOR = 5e-5, 1e-7, 3e-4, 1e-5
@@ -67,9 +55,9 @@ def corrected_motor_tables(case: Case, found: Sequence[CurveAtKnots]) -> dict[st
         found: the curves; those that no table of a motor holds are skipped.
     """
     return {
-        _MOTOR_TABLES_OF[curve.label]: _motor_table(case.motor_tables.get(_MOTOR_TABLES_OF[curve.label]), curve)
+        MOTOR_TABLES_OF[curve.label]: _motor_table(case.motor_tables.get(MOTOR_TABLES_OF[curve.label]), curve)
         for curve in found
-        if curve.label in _MOTOR_TABLES_OF
+        if curve.label in MOTOR_TABLES_OF
     }
 
 

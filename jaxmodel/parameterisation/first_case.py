@@ -10,8 +10,8 @@ import numpy as np
 
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Case, Run
-from jaxmodel.effects.curves import CURVES
-from jaxmodel.fit.tables import TABLES_OF
+from jaxmodel.effects.curves import CURVES, TABLES_OF
+from jaxmodel.fit.layout import was_at_rest
 from jaxmodel.parameterisation.linear import lagged
 from jaxmodel.parameterisation.linear_start import PACE, RESISTANCES, LinearStart, linear_start
 from jaxmodel.parameterisation.result import Extraction
@@ -125,7 +125,7 @@ def first_case(
         effects=effects,
         effect_sd=effect_sd,
         sensors=sensors | case.sensors,
-        runs=tuple(_run(run, own.get(run.name), drawn, node is not None, hysteresis) for run in case.runs),
+        runs=tuple(_run(case, run, own.get(run.name), drawn, node is not None, hysteresis) for run in case.runs),
     )
     return FirstCase(changed, _curves(changed, kept, _rise_K(runs) >= HEATS_K), varied)
 
@@ -157,7 +157,7 @@ def _tables(start: LinearStart) -> dict[str, Table]:
     return found
 
 
-def _run(run: Run, rows: Rows | None, drawn: Extraction, heats: bool, hysteresis: bool) -> Run:
+def _run(case: Case, run: Run, rows: Rows | None, drawn: Extraction, heats: bool, hysteresis: bool) -> Run:
     """Return a run with what is known of its start; of a fit run its state of charge and capacity are uncertain."""
     changes: dict = {}
     overrides = dict(run.overrides)
@@ -166,7 +166,8 @@ def _run(run: Run, rows: Rows | None, drawn: Extraction, heats: bool, hysteresis
     if rows is not None and run.initial_soc.sd is not None:
         changes["initial_soc"] = Known(float(np.clip(counted_start(rows, drawn.value), 0.0, 1.0)), run.initial_soc.sd)
     read = run.measured.outputs.get("cell_temperature_degC")
-    if heats and run.initial_cell_temperature is None and read is not None and np.isfinite(read).any():
+    warm = heats and run.initial_cell_temperature is None and not was_at_rest(case, run)
+    if warm and read is not None and np.isfinite(read).any():
         changes["initial_cell_temperature"] = Known(float(read[np.isfinite(read)][0]), FIRST_READING_K)
     return dataclasses.replace(run, overrides=overrides, **changes)
 

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.curves import CURVES, OF_NO_TABLE, Curve, OcvCurve
+from jaxmodel.effects.curves import CURVES, OF_RARE_TABLES, Curve, OcvCurve
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Table
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.names import value, with_values
@@ -84,7 +84,7 @@ def test_a_curve_is_told_in_full(name: str):
     assert cls.table == "" or cls.table in CURVE_NAMES
     assert set(cls.needs) <= set(CATALOGUE)
     assert name not in CATALOGUE
-    assert set(OF_NO_TABLE) <= set(CURVES)
+    assert set(OF_RARE_TABLES) <= set(CURVES)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -102,6 +102,7 @@ def test_a_curve_of_zeros_is_absent_to_the_bit_and_so_is_one_switched_off(name: 
     assert any(np.max(np.abs(moved[column] - base[column])) > 1e-4 for column in base)
 
 
+@pytest.mark.slow("friction_curve", "torque_constant_curve")
 @pytest.mark.parametrize("name", CURVES)
 def test_the_slope_by_the_values_is_that_of_the_readings(name: str):
     """And the slope by the switch at 0 points along the curve, so that one derivative tests it."""

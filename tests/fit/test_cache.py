@@ -9,10 +9,12 @@ import pytest
 
 from jaxmodel.base.errors import EffectError, FitError
 from jaxmodel.case.build import case_model, run_profile
-from jaxmodel.case.known import Known
+from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Tolerance
-from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
+from jaxmodel.effects.curves import CURVES, OF_RARE_TABLES
 from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.estimate import calibrate
+from jaxmodel.fit.likelihood import from_tolerances
 from jaxmodel.model.simulation import simulate
 from tests.diagnosis.made_cases import SMALL_KEPT, cache_of, case_of, run_of, small_cell
 
@@ -69,12 +71,35 @@ def test_effects_are_calibrated_without_curves_too(warm: FitCache):
 
 def test_curves_of_no_table_and_of_heat_come_where_they_belong():
     cache = FitCache(small_cell())
-    assert not set(cache.curves_of(())) & set(OF_NO_TABLE)
-    assert set(OF_NO_TABLE) & set(cache.curves_of((), "all")) == {n for n in OF_NO_TABLE if "cell" in CURVES[n].kinds}
+    assert not set(cache.curves_of(())) & set(OF_RARE_TABLES)
+    assert set(OF_RARE_TABLES) & set(cache.curves_of((), "all")) == {
+        n for n in OF_RARE_TABLES if "cell" in CURVES[n].kinds
+    }
     heat = {name for name, cls in CURVES.items() if "self_heating" in cls.needs}
     assert heat
     assert not heat & set(cache.curves_of(()))
     assert heat <= set(cache.curves_of(("self_heating",)))
+
+
+@pytest.mark.parametrize(("sd", "is_base"), [(1e-4, True), (None, False)])
+def test_a_stated_table_that_may_be_wrong_has_its_curve_in_every_model(sd: float | None, is_base: bool):
+    case = small_cell()
+    table = Table(np.array([0.0, 1.0]), np.zeros(2), None, sd)
+    cache = FitCache(dataclasses.replace(case, tables={**case.tables, "dU_dT": table}))
+    assert ("entropy_curve" in cache.curves_of(())) == is_base
+    assert ("entropy_curve" in cache.of_no_table) != is_base
+
+
+def test_slow_errors_that_the_weights_of_noise_would_remove_do_not_stay(warm: FitCache):
+    wide = {name: Tolerance(1e3, 1e4) for name in warm.noise}
+    cache = cache_of(dataclasses.replace(warm.case, tolerance=wide), *SMALL_KEPT)
+    fit = cache.fit(("self_heating",))
+    loose = from_tolerances(cache.view.data, dict.fromkeys(cache.noise, 1e3), inflation=100.0)
+    poor = calibrate(cache.view, fit.spec, np.zeros_like(fit.x), cache.tolerances, loose, rounds=0)
+    before, reached = (one.mean_squares(cache.view)["cell_temperature_degC"] for one in (poor, fit))
+    assert before > 4.0 * reached
+    assert cache._quieter(poor).mean_squares(cache.view)["cell_temperature_degC"] < 1.5 * reached
+    assert cache._quieter(fit) is fit, "what leaves noise is not calibrated again"
 
 
 def test_tolerances_are_stated_or_assumed(warm: FitCache):
