@@ -183,7 +183,11 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     curves = tuple(
         curve_found(cache, found.final, label, {})
         for label, test in tests.items()
-        if CURVES[label].table and test.significant and test.material and test.size_sd >= 2.0
+        if CURVES[label].tables
+        and label not in cache.of_no_table
+        and test.significant
+        and test.material
+        and test.size_sd >= 2.0
     )
     unstated = [*(one for one in curves if not one.stated and _is_usual(one)), *laws]
     extrapolated = remarks.extrapolated(cache.case)

@@ -7,6 +7,7 @@ knots, values and a prior.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
@@ -47,7 +48,11 @@ class Curve(Effect):
         relation: what a user calls the relation; "" if that is the port.
         usual_knots: shares of the range of `over` that the fitted runs cover; a single one for a constant.
         correlation: length over which values belong together, as a share of the number of knots.
-        table: of a case, which it corrects; "" for a relation without one.
+        tables: of a case, by name, which it raises (1) or lowers (-1) where it is positive: a pair keeps its time
+            constant where its resistance is corrected. None for a relation without a table.
+        is_rare: most cases state no table of the relation, and an effect does the same. It then belongs to the model
+            that predicts, and to the base against which effects are tested only if the case states such a table with
+            an sd.
         imitates: effects that it may stand for: beside one of them it says nothing of its own.
         scales: how `typical` scales with the specimen, like `scales` of a parameter.
     """
@@ -60,7 +65,8 @@ class Curve(Effect):
     largest: ClassVar[float]
     usual_knots: ClassVar[tuple[float, ...]]
     correlation: ClassVar[float] = 0.4
-    table: ClassVar[str] = ""
+    tables: ClassVar[Mapping[str, float]] = {}
+    is_rare: ClassVar[bool] = False
     imitates: ClassVar[tuple[str, ...]] = ()
     scales: ClassVar[str] = ""
 
@@ -111,7 +117,7 @@ class OcvCurve(Curve):
     largest: ClassVar[float] = 0.03
     usual_knots: ClassVar[tuple[float, ...]] = FINE
     correlation: ClassVar[float] = 0.2
-    table: ClassVar[str] = "ocv"
+    tables: ClassVar[Mapping[str, float]] = {"ocv": 1.0}
 
     def open_circuit_voltage(self, value: Scalar, context: CellContext) -> Scalar:
         """Add f."""
@@ -134,7 +140,7 @@ class SeriesResistanceCurve(_Factor):
     name: ClassVar[str] = "series_resistance_curve"
     equation: ClassVar[str] = "R_ints + R_cyc -> (R_ints + R_cyc) exp(f(SOC))"
     port: ClassVar[str] = "series_resistance"
-    table: ClassVar[str] = "R_ints"
+    tables: ClassVar[Mapping[str, float]] = {"R_ints": 1.0}
 
     def series_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the resistance."""
@@ -147,7 +153,7 @@ class ShortResistanceCurve(_Factor):
     name: ClassVar[str] = "short_resistance_curve"
     equation: ClassVar[str] = "R_TS -> R_TS exp(f(SOC)), C_TS -> C_TS exp(-f(SOC))"
     port: ClassVar[str] = "short_rc_resistance"
-    table: ClassVar[str] = "R_TS"
+    tables: ClassVar[Mapping[str, float]] = {"R_TS": 1.0, "C_TS": -1.0}
 
     def short_rc_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the resistance."""
@@ -164,7 +170,7 @@ class LongResistanceCurve(_Factor):
     name: ClassVar[str] = "long_resistance_curve"
     equation: ClassVar[str] = "R_TL -> R_TL exp(f(SOC)), C_TL -> C_TL exp(-f(SOC))"
     port: ClassVar[str] = "long_rc_resistance"
-    table: ClassVar[str] = "R_TL"
+    tables: ClassVar[Mapping[str, float]] = {"R_TL": 1.0, "C_TL": -1.0}
 
     def long_rc_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the resistance."""
@@ -182,7 +188,7 @@ class ShortTimeCurve(_Factor):
     equation: ClassVar[str] = "C_TS -> C_TS exp(f(SOC))"
     port: ClassVar[str] = "short_rc_capacitance"
     usual_knots: ClassVar[tuple[float, ...]] = FEW
-    table: ClassVar[str] = "C_TS"
+    tables: ClassVar[Mapping[str, float]] = {"C_TS": 1.0}
 
     def short_rc_capacitance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the capacitance."""
@@ -196,7 +202,7 @@ class LongTimeCurve(_Factor):
     equation: ClassVar[str] = "C_TL -> C_TL exp(f(SOC))"
     port: ClassVar[str] = "long_rc_capacitance"
     usual_knots: ClassVar[tuple[float, ...]] = FEW
-    table: ClassVar[str] = "C_TL"
+    tables: ClassVar[Mapping[str, float]] = {"C_TL": 1.0}
 
     def long_rc_capacitance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the capacitance."""
@@ -212,6 +218,8 @@ class EntropyCurve(Curve):
     port: ClassVar[str] = "open_circuit_voltage"
     over: ClassVar[str] = "soc"
     relation: ClassVar[str] = "entropic_coefficient"
+    tables: ClassVar[Mapping[str, float]] = {"dU_dT": 1.0}
+    is_rare: ClassVar[bool] = True
     unit: ClassVar[str] = "V/K"
     imitates: ClassVar[tuple[str, ...]] = ("entropic_ocv",)
     typical: ClassVar[float] = 1e-4
@@ -233,6 +241,7 @@ class _Energy(Curve):
     kinds: ClassVar[tuple[str, ...]] = CELL
     over: ClassVar[str] = "temperature_degC"
     imitates: ClassVar[tuple[str, ...]] = ("arrhenius_resistance", "arrhenius_polarisation")
+    is_rare: ClassVar[bool] = True
     unit: ClassVar[str] = "J/mol"
     typical: ClassVar[float] = 20e3
     largest: ClassVar[float] = 30e3
@@ -337,6 +346,8 @@ class FrictionCurve(Curve):
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "friction += f(|w|) sgn(w)"
     port: ClassVar[str] = "friction_torque"
+    tables: ClassVar[Mapping[str, float]] = {"friction": 1.0}
+    is_rare: ClassVar[bool] = True
     imitates: ClassVar[tuple[str, ...]] = (
         "viscous_friction", "windage", "stribeck_friction", "directional_friction", "gear_loss",
     )  # fmt: skip
@@ -368,6 +379,8 @@ class TorqueConstantCurve(Curve):
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "tau_D -> k_tau i_a exp(f(|i_a|))"
     port: ClassVar[str] = "motor_torque"
+    tables: ClassVar[Mapping[str, float]] = {"torque_factor": 1.0}
+    is_rare: ClassVar[bool] = True
     imitates: ClassVar[tuple[str, ...]] = ("saturation", "brush_current_drop", "gear_loss")
     over: ClassVar[str] = "current_A"
     relation: ClassVar[str] = "torque_constant"
@@ -400,26 +413,3 @@ CURVES: dict[str, type[Curve]] = {
         TorqueConstantCurve,
     )
 }
-# These belong to the model that predicts, and not to the base against which effects are tested, unless the case states
-# a table of them with an sd: each is what an effect is too, and most cases state none.
-OF_RARE_TABLES = (
-    "entropy_curve",
-    "series_energy",
-    "short_energy",
-    "long_energy",
-    "friction_curve",
-    "torque_constant_curve",
-)
-# Which curves act on which tables, and whether they raise or lower them: a pair keeps its time constant where its
-# resistance is corrected.
-TABLES_OF = {
-    "ocv_curve": {"ocv": 1.0},
-    "series_resistance_curve": {"R_ints": 1.0},
-    "short_resistance_curve": {"R_TS": 1.0, "C_TS": -1.0},
-    "long_resistance_curve": {"R_TL": 1.0, "C_TL": -1.0},
-    "short_time_curve": {"C_TS": 1.0},
-    "long_time_curve": {"C_TL": 1.0},
-    "entropy_curve": {"dU_dT": 1.0},
-}
-# Which curves act on which tables of a motor.
-MOTOR_TABLES_OF = {"friction_curve": "friction", "torque_constant_curve": "torque_factor"}

@@ -12,7 +12,7 @@ from jaxmodel.base.errors import FitError
 from jaxmodel.base.memory import give_back
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case
-from jaxmodel.effects.curves import CURVES, MOTOR_TABLES_OF, OF_RARE_TABLES, TABLES_OF
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import AMPLITUDES, NONE, SPREADS, STEPS, Fit, calibrate, rarer
 from jaxmodel.fit.gauss_newton import descend, errors_at
@@ -129,8 +129,7 @@ class FitCache:
         """Return the curves of relations of which the case states no table that may be wrong."""
         tables = self.case.tables | self.case.motor_tables
         stated = {name for name, table in tables.items() if table.sd is not None}
-        of = TABLES_OF | {name: (table,) for name, table in MOTOR_TABLES_OF.items()}
-        return frozenset(name for name in OF_RARE_TABLES if not stated & set(of.get(name, ())))
+        return frozenset(name for name, one in CURVES.items() if one.is_rare and not stated & set(one.tables))
 
     def curves_of(self, labels: Sequence[str], curves: Curves = "base", beside: Sequence[str] = ()) -> Labels:
         """Return the curves of a model with some additions; `beside` are more effects that no curve may imitate."""

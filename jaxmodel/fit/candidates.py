@@ -282,7 +282,7 @@ def _curves(case: Case, ranges: Mapping[str, tuple[float, float]]) -> Iterator[C
             mix=mix,
             port=cls.port,
             over={"temperature_degC": "cell_temperature_degC"}.get(cls.over, cls.over),
-            stated=cls.table in case.tables,
+            stated=not {*case.tables, *case.motor_tables}.isdisjoint(cls.tables),
             largest=cls.largest / cls.typical,
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmodel.case.known import MotorTable, Table
 from jaxmodel.case.records import Case
-from jaxmodel.effects.curves import MOTOR_TABLES_OF, TABLES_OF
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.estimates import CurveAtKnots
 from jaxmodel.model import curves as formulas
 from jaxmodel.model.cell import cycle_resistance
@@ -41,7 +41,7 @@ def corrected_tables(
     """
     by_table: dict[str, list[tuple[float, CurveAtKnots]]] = {}
     for curve in found:
-        for table, sign in TABLES_OF.get(curve.label, {}).items():
+        for table, sign in _tables_of(curve, "cell").items():
             by_table.setdefault(table, []).append((sign, curve))
     tables = {name: _corrected(name, model, curves, _HALVINGS if between else 0) for name, curves in by_table.items()}
     return tables, _notes(model, tables)
@@ -55,10 +55,16 @@ def corrected_motor_tables(case: Case, found: Sequence[CurveAtKnots]) -> dict[st
         found: the curves; those that no table of a motor holds are skipped.
     """
     return {
-        MOTOR_TABLES_OF[curve.label]: _motor_table(case.motor_tables.get(MOTOR_TABLES_OF[curve.label]), curve)
+        table: _motor_table(case.motor_tables.get(table), curve)
         for curve in found
-        if curve.label in MOTOR_TABLES_OF
+        for table in _tables_of(curve, "motor")
     }
+
+
+def _tables_of(curve: CurveAtKnots, kind: str) -> Mapping[str, float]:
+    """Return the tables of a cell or motor that a curve corrects, with their signs; none for an unknown law."""
+    of = CURVES.get(curve.label)
+    return of.tables if of is not None and kind in of.kinds else {}
 
 
 def _motor_table(before: MotorTable | None, curve: CurveAtKnots) -> MotorTable:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Case, Run
-from jaxmodel.effects.curves import CURVES, TABLES_OF
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.layout import was_at_rest
 from jaxmodel.parameterisation.linear import lagged
 from jaxmodel.parameterisation.linear_start import PACE, RESISTANCES, LinearStart, linear_start
@@ -134,8 +134,7 @@ def _curves(case: Case, kept: dict[str, Table], heats: bool) -> tuple[str, ...]:
     """Return the curves of tables that may change, and of what effects of the case leave open."""
     found = []
     for name, one in CURVES.items():
-        tables = set(TABLES_OF.get(name, ()))
-        if "cell" not in one.kinds or set(kept) & tables or not set(one.needs) <= set(case.effects):
+        if "cell" not in one.kinds or set(kept) & set(one.tables) or not set(one.needs) <= set(case.effects):
             continue
         if "self_heating" in one.needs and not heats:
             continue

@@ -9,8 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxmodel.base.errors import EffectError
+from jaxmodel.case.forms import MOTOR_TABLES
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.curves import CURVES, OF_RARE_TABLES, Curve, OcvCurve
+from jaxmodel.effects.curves import CURVES, Curve, OcvCurve
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Table
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.names import value, with_values
@@ -81,10 +82,10 @@ def test_a_curve_is_told_in_full(name: str):
     assert cls.usual_knots[0] == 0.0
     assert np.all(np.diff(cls.usual_knots) > 0.0)
     assert len(cls.usual_knots) == 1 or cls.usual_knots[-1] == 1.0
-    assert cls.table == "" or cls.table in CURVE_NAMES
+    assert set(cls.tables) <= {*CURVE_NAMES, "dU_dT", *MOTOR_TABLES}
+    assert set(cls.tables.values()) <= {1.0, -1.0}
     assert set(cls.needs) <= set(CATALOGUE)
     assert name not in CATALOGUE
-    assert set(OF_RARE_TABLES) <= set(CURVES)
 
 
 @pytest.mark.parametrize("name", CURVES)

@@ -11,7 +11,7 @@ from jaxmodel.base.errors import EffectError, FitError
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Tolerance
-from jaxmodel.effects.curves import CURVES, OF_RARE_TABLES
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import calibrate
 from jaxmodel.fit.likelihood import from_tolerances
@@ -71,10 +71,10 @@ def test_effects_are_calibrated_without_curves_too(warm: FitCache):
 
 def test_curves_of_no_table_and_of_heat_come_where_they_belong():
     cache = FitCache(small_cell())
-    assert not set(cache.curves_of(())) & set(OF_RARE_TABLES)
-    assert set(OF_RARE_TABLES) & set(cache.curves_of((), "all")) == {
-        n for n in OF_RARE_TABLES if "cell" in CURVES[n].kinds
-    }
+    rare = {name for name, cls in CURVES.items() if cls.is_rare}
+    assert rare
+    assert not set(cache.curves_of(())) & rare
+    assert rare & set(cache.curves_of((), "all")) == {name for name in rare if "cell" in CURVES[name].kinds}
     heat = {name for name, cls in CURVES.items() if "self_heating" in cls.needs}
     assert heat
     assert not heat & set(cache.curves_of(()))
