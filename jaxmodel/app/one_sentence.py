@@ -17,6 +17,7 @@ from jaxmodel.app.timings import told
 
 MISTAKE = 2
 _STOPPED = 130
+_NO_MEMORY = "RESOURCE_EXHAUSTED"  # so JAX says it
 _MOST_CHARACTERS = 800  # of a sentence, which may repeat a word of any length
 _PARSED = (
     (r"Input should be a valid integer.*", "it must be a whole number."),
@@ -61,8 +62,10 @@ def sentence_of(error: Exception) -> str:
     """Return what to say of an error that its user can do something about; "" for a defect of the program."""
     if isinstance(error, OSError):
         return f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used."
-    if isinstance(error, MemoryError):
-        return "There is too little memory for this; take fewer or shorter runs, or allow less by --memory."
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and str(error).startswith(_NO_MEMORY)):
+        return (
+            "There is too little memory for this; take fewer or shorter runs, or of a sweep less at once by --memory."
+        )
     if isinstance(error, ValueError):
         from jaxmodel.base.errors import UserError
 

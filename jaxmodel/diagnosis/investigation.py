@@ -9,6 +9,7 @@ investigation.preview("self_heating")  # the residual that it would leave, befor
 investigation.add("self_heating")
 investigation.drop("self_heating")
 investigation.undo()
+investigation.follow(path)        # to where another one was: its `path`
 investigation.ladder()            # every model so far
 investigation.to_xarray()         # the posterior of the present model, for ArviZ
 """
@@ -24,7 +25,7 @@ from typing import Concatenate, ParamSpec, TypeVar
 import pandas as pd
 import xarray as xr
 
-from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.errors import MeasurementError, instead
 from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.extended import extended_case
@@ -120,6 +121,11 @@ class Investigation:
     def added(self) -> tuple[str, ...]:
         """Return the additions of the present model to the base model."""
         return self._present
+
+    @property
+    def path(self) -> tuple[tuple[str, ...], ...]:
+        """Return the additions of each model on the way to the present one; `undo` goes back along it."""
+        return self._path
 
     @property
     def plot(self) -> InvestigationPlots:
@@ -222,7 +228,7 @@ class Investigation:
         """
         found = {residuals.channel: residuals for residuals in residuals_of(self.cache, self.present())}
         if channel not in found:
-            raise MeasurementError(f"regime_map: there are no readings of '{channel}'.{nearest(channel, found)}")
+            raise MeasurementError(f"regime_map: there are no readings of '{channel}'.{instead(channel, found)}")
         return regime_map(found[channel])
 
     @_shown
@@ -294,6 +300,19 @@ class Investigation:
     def undo(self) -> Investigation:
         """Return to the model before the last addition or removal; the base model stays."""
         self._path = self._path[:-1] or ((),)
+        self._present = self._path[-1]
+        return self
+
+    def follow(self, path: Sequence[Sequence[str]]) -> Investigation:
+        """Go to the last model of a path, and return it; models on it are fitted when they are looked at.
+
+        Args:
+            path: as `path` returned it, perhaps of an earlier investigation of the same case.
+
+        Raises:
+            EffectError: as of `add`.
+        """
+        self._path = tuple(self.cache.space.labels_to_add(labels) for labels in path) or ((),)
         self._present = self._path[-1]
         return self
 

@@ -1,14 +1,16 @@
-"""`python -m tests.stress.faults --count 20`: commands on a full disk, a read-only one, by a wrong clock, two at once.
+"""`python -m tests.stress.faults --count 20`: commands without disk or memory, by a wrong clock, two at once.
 
-Each must end with its result, or with exit code 2 and one sentence. What its folder then holds must be whole, and the
-same command, run again where all is well, must leave what it would have left undisturbed. Disks are mounted, for which
-an administrator's rights are needed.
+A disk is full or read-only; memory is lacking at a random moment, for an array or for a file that is begun. Each must
+end with its result, or with exit code 2 and one sentence. What its folder then holds must be whole, and the same
+command, run again where all is well, must leave what it would have left undisturbed. Disks are mounted, for which an
+administrator's rights are needed; `--fault "no memory"` needs none.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
 import random
 import re
@@ -21,10 +23,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from jaxmodel.app.one_sentence import MISTAKE
+from jaxmodel.base.errors import UserError
 from jaxmodel.sweeps.places import LOG
+from jaxmodel.sweeps.results import GRID, MANIFEST, load
 from jaxmodel.sweeps.store import RUN
+from tests.conftest import REPOSITORY
 from tests.stress import seeds
 from tests.stress.kills import COMMANDS, different, program
+from tests.stress.shortage import VARIABLES
 from tests.stress.trial import emptied, faults
 
 _ROOM_KIB = 2**20
@@ -34,6 +40,10 @@ _time, _time_ns = time.time, time.time_ns
 time.time = lambda: _time() + random.choice((-1e7, 0.0, 1e7))
 time.time_ns = lambda: _time_ns() + random.choice((-(10**16), 0, 10**16))
 """
+_SHORT = "from tests.stress.shortage import from_environment; from_environment()"
+# The last moment at which memory may run out, as a power of two: a diagnosis asks for some 2^20 arrays, and a sweep
+# begins some 2^7 files.
+_LAST = {"arrays": 21.0, "files": 7.5}
 
 
 class Place:
@@ -78,7 +88,7 @@ class Place:
         return process.returncode, said
 
 
-def _unclear(code: int, said: str) -> list[str]:
+def unclear(code: int, said: str) -> list[str]:
     """Return what is wrong with how a command ended."""
     if "Traceback" in said:
         return [f"a traceback: {said[-300:]}"]
@@ -89,10 +99,27 @@ def _unclear(code: int, said: str) -> list[str]:
     return [f"exit code {code}"] * (code != MISTAKE) + [f"sentence {found}: {sentence}"] * bool(found)
 
 
-def _half(place: Path, whole: Path) -> list[str]:
+def half(place: Path, whole: Path) -> list[str]:
     """Return the files of a folder that are neither whole nor kept for a sweep that goes on."""
-    names = {str(path.relative_to(place)) for path in place.rglob("*") if path.is_file()} if place.exists() else set()
-    return [f"{name} is half" for name in different(place, whole) if name in names - {LOG, RUN}]
+    paths = {str(path.relative_to(place)): path for path in place.rglob("*") if path.is_file()}
+    found = [name for name in different(place, whole) if name in paths.keys() - {LOG, RUN}]
+    shown = {name: path for name, path in paths.items() if not any(p.startswith(".") for p in Path(name).parts)}
+    return [f"{name} is half" for name in (*found, *(name for name, path in shown.items() if _is_cut(path)))]
+
+
+def _is_cut(path: Path) -> bool:
+    """Return whether a file that differs from run to run, and so is not compared, lacks its end."""
+    if path.suffix == ".json":
+        try:
+            json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            return True
+    if path.name == MANIFEST and (path.parent / GRID).exists():
+        try:
+            load(path.parent).load()
+        except UserError:
+            return True
+    return path.suffix == ".html" and not path.read_text(encoding="utf-8").rstrip().endswith("</html>")
 
 
 def _still_wrong(place: Place, whole: Path) -> list[str]:
@@ -107,7 +134,7 @@ def full(place: Place, whole: Path, rng: random.Random) -> list[str]:
     later = rng.random() < 0.5
     with place.mounted(_ROOM_KIB if later else rng.randrange(4, need_KiB + 2048)):
         code, said = _disturbed(place, rng, lambda: f"size={_used_KiB(place.disk) + 4}k" if later else "")
-        wrong = _unclear(code, said) + _half(place.out, whole)
+        wrong = unclear(code, said) + half(place.out, whole)
         place.remount(f"size={_ROOM_KIB}k")
         return wrong + _still_wrong(place, whole)
 
@@ -120,7 +147,7 @@ def read_only(place: Place, whole: Path, rng: random.Random) -> list[str]:
         if not later:
             place.remount("ro")
         code, said = _disturbed(place, rng, lambda: "ro" if later else "")
-        wrong = _unclear(code, said) + _half(place.out, whole)
+        wrong = unclear(code, said) + half(place.out, whole)
         if not later and code == 0:
             wrong.append("it said nothing")
         place.remount("rw")
@@ -148,7 +175,7 @@ def wrong_clock(place: Place, whole: Path, rng: random.Random) -> list[str]:
     with place.mounted(), tempfile.TemporaryDirectory() as name:
         (Path(name) / "sitecustomize.py").write_text(_WRONG_CLOCK)
         code, said = place.run({"PYTHONPATH": os.pathsep.join([name, os.environ.get("PYTHONPATH", "")])})
-        return _unclear(code, said) + [f"exit code {code}"] * (code != 0) + different(place.out, whole)
+        return unclear(code, said) + [f"exit code {code}"] * (code != 0) + different(place.out, whole)
 
 
 def two_at_once(place: Place, whole: Path, rng: random.Random) -> list[str]:
@@ -158,10 +185,24 @@ def two_at_once(place: Place, whole: Path, rng: random.Random) -> list[str]:
         time.sleep(rng.choice([0.0, rng.uniform(0.0, 6.0)]))
         second = place.begin()
         ended = [(one.communicate()[0], one.returncode) for one in (first, second)]
-        wrong = [sentence for said, code in ended for sentence in _unclear(code, said)]
+        wrong = [sentence for said, code in ended for sentence in unclear(code, said)]
         if all(code for _, code in ended):
             wrong.append(f"none came to its end: {[said[-200:] for said, _ in ended]}")
         return wrong + different(place.out, whole)
+
+
+def no_memory(place: Place, whole: Path, rng: random.Random) -> list[str]:
+    """Run with no memory for one array, or for one file that is begun, or for none from there on."""
+    what = rng.choice(list(_LAST))
+    at, lasts = round(2.0 ** rng.uniform(0.0, _LAST[what])), rng.choice(["", "1"])
+    with tempfile.TemporaryDirectory() as name:
+        (Path(name) / "sitecustomize.py").write_text(_SHORT)
+        path = os.pathsep.join([name, str(REPOSITORY), os.environ.get("PYTHONPATH", "")])
+        short = dict(zip(VARIABLES, (what, str(at), lasts, str(place.out)), strict=True))
+        code, said = place.run({"PYTHONPATH": path} | short)
+    wrong = unclear(code, said) + half(place.out, whole) + _still_wrong(place, whole)
+    emptied(place.disk)
+    return [f"{what} {at}{' and after' * bool(lasts)}: {one}" for one in wrong]
 
 
 FAULTS: dict[str, Callable[[Place, Path, random.Random], list[str]]] = {
@@ -169,6 +210,7 @@ FAULTS: dict[str, Callable[[Place, Path, random.Random], list[str]]] = {
     "read-only": read_only,
     "wrong clock": wrong_clock,
     "two at once": two_at_once,
+    "no memory": no_memory,
 }
 
 

@@ -28,6 +28,7 @@ COMMANDS = {
     "simulate": (["simulate", "case", "--answer-only", "--out", "out"], []),
     "compare": (["compare", "case", "--answer-only", "--out", "out"], []),
     "diagnose": (["diagnose", "case", "--out", "out"], []),
+    "export": (["export", "case", "--to", "bdf", "--out", "out"], []),
     "sweep": (["sweep", "study/study.toml", "--answer-only", "--out", "out"], ["--resume"]),
 }
 # What differs from run to run: times, and what they are written into.

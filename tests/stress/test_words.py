@@ -11,6 +11,7 @@ from tests.stress.words import commands, said, trial
 TRIALS = 4
 
 
+@pytest.mark.slow("compare", "compensate", "estimate", "parameterise", "sensitivity", "start", "sweep")
 @pytest.mark.parametrize("name", commands())
 def test_spoilt_words_break_no_command(name: str, tmp_path: Path) -> None:
     ends = [trial(name, seed, tmp_path) for seed in range(TRIALS)]

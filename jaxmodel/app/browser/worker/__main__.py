@@ -16,7 +16,7 @@ from jaxmodel.app.browser.files import LOG, WANTED
 from jaxmodel.app.browser.worker import answering, comparing, exploring, keeping, opening
 from jaxmodel.app.browser.worker.place import Place
 from jaxmodel.app.browser.worker.progress import Progress, Stopped
-from jaxmodel.base.errors import UserError
+from jaxmodel.app.one_sentence import sentence_of
 
 JOBS: dict[str, Callable[..., None]] = {
     "open": comparing.open_case,
@@ -67,18 +67,17 @@ def do(place: Place, job: dict[str, Any]) -> None:
             JOBS[job["do"]](place, progress, **job.get("with", {}))
     except Stopped:
         state, sentence = "stopped", ""
-    except (UserError, OSError) as error:
-        state, sentence = "failed", " ".join(str(error).split())
-    except Exception as error:  # a defect of ours: the log has it whole, the page names it
-        traceback.print_exc()
-        name = type(error).__name__
-        state, sentence = (
-            "failed",
-            f"The workbench failed here ({name}: {error}); worker.log in its folder has the rest.",
-        )
+    except Exception as error:
+        state, sentence = "failed", " ".join(sentence_of(error).split())
+        if not sentence:  # a defect of ours: the log has it whole, the page names it
+            traceback.print_exc()
+            name = type(error).__name__
+            sentence = f"The workbench failed here ({name}: {error}); worker.log in its folder has the rest."
     else:
         state, sentence = "done", ""
         place.took(job["do"], progress.elapsed_s)
+    if state != "done":
+        place.as_shown()
     (place.folder / WANTED).unlink(missing_ok=True)
     progress.end(state, sentence)
 

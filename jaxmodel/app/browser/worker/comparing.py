@@ -81,7 +81,7 @@ def diagnose(place: Place, progress: Progress) -> None:
     def each() -> None:
         place.diagnosis = None
         # What a stop leaves behind is a session in which these were added by hand.
-        place.show_model(progress, verdict=None, script=[*script, ["set", list(investigation.added)]])
+        place.show_model(progress, verdict=None, script=[*script, ["follow", [*map(list, investigation.path)]]])
 
     script = list(place.view["script"])
     place.diagnosis = finish(investigation, each=each)

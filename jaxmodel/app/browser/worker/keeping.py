@@ -85,7 +85,7 @@ def script_of(view: dict[str, Any]) -> str:
     for verb, labels in view["script"]:
         listed = ", ".join(repr(label) for label in labels)
         lines += {
-            "set": [f"investigation.drop(*investigation.added).add({listed})"],
+            "follow": [f"investigation.follow([{listed}])"],
             "finish": ["diagnosis = finish(investigation)", "print(diagnosis.summary())"],
         }.get(verb, [f"investigation.{verb}({listed})"])
     lines += ["print(investigation.ladder())", 'investigation.extended_case().write("extended")']

@@ -92,13 +92,13 @@ def parameterised(place: Place, progress: Progress) -> None:
     """Give an imported case first parameters from its fit runs, if it has no preset and has none yet.
 
     Raises:
-        UserError: the runs lack what is needed.
+        UserError: there is no data yet, or the runs lack what is needed.
     """
-    source = place.view["source"]
+    case, source = place.case, place.view["source"]
     if source["how"] != "files" or source.get("parameterised") or source["options"].get("preset"):
         return
     progress("first parameters from the runs alone")
-    found = parameterise(place.case, progress=progress)
+    found = parameterise(case, progress=progress)
     shutil.rmtree(place.folder / PARAMETERISED, ignore_errors=True)
     found.write(place.folder / PARAMETERISED, pictures=False)
     imported = place.view["imported"]

@@ -45,36 +45,46 @@ class Place:
 
     def show(self, **changes: Any) -> None:
         """Change what the pages show."""
-        self.view |= changes
-        self.view["version"] = self.view["version"] + 1
-        write_json(self.folder / VIEW, self.view)
+        self._write(self.view | changes)
+
+    def _write(self, view: dict[str, Any]) -> None:
+        view["version"] = self.view["version"] + 1
+        write_json(self.folder / VIEW, view)
+        self.view = view
 
     def opened(self, path: Path, source: dict[str, Any], imported: dict[str, Any] | None = None) -> None:
         """Take a case in place of what was there before, and show its measurements."""
-        self._case, self._investigation, self.diagnosis = read_case(path), None, None
-        write_traces(self.folder, self._case, {})
-        self.view = {"version": self.view["version"], "durations": self.view.get("durations", {})}
-        self.show(
-            stage="opened",
-            path=str(path),
-            source=source,
-            case=case_view(self._case),
-            imported=imported,
-            script=[],
-            models=[[]],
+        case = read_case(path)
+        write_traces(self.folder, case, {})
+        self._write(
+            {
+                "durations": self.view.get("durations", {}),
+                "stage": "opened",
+                "path": str(path),
+                "source": source,
+                "case": case_view(case),
+                "imported": imported,
+                "script": [],
+                "models": [[]],
+            }
         )
+        self._case, self._investigation, self.diagnosis = case, None, None
 
     def investigation(self, progress: Progress) -> Investigation:
         """Return the investigation with the models that the session has seen, fitted anew if the worker is new."""
         self._progress = progress
         if self._investigation is None:
-            one = Investigation(self.case, progress=self._report)
-            for labels in self.view.get("models", [[]])[1:]:
+            one = Investigation(self.case, progress=self._report).follow(self.view["models"])
+            for labels in one.path[1:]:
                 progress(f"refitting {' + '.join(labels) or 'the base model'}, as before")
-                one.drop(*(label for label in one.added if label not in labels))
-                one.add(*(label for label in labels if label not in one.added))
+                one.cache.fit(labels)
             self._investigation = one
         return self._investigation
+
+    def as_shown(self) -> None:
+        """Go back to the model that the pages show: a job that ended early may have been beyond it."""
+        if self._investigation is not None:
+            self._investigation.follow(self.view["models"])
 
     def _report(self, now: str) -> None:
         """Pass what the investigation does on to the job of the moment."""
@@ -95,13 +105,9 @@ class Place:
         write_traces(self.folder, one.case, models)
         write_previews(self.folder, one.case, previews)
         write_cells(self.folder, maps)
-        view |= {"case": case_view(one.case), "models": self._models(one), "sweepable": sweepable(one.extended_case())}
+        view |= {"case": case_view(one.case), "models": [list(labels) for labels in one.path]}
+        view["sweepable"] = sweepable(one.extended_case())
         self.show(stage="compared", **view, **changes)
-
-    def _models(self, one: Investigation) -> list[list[str]]:
-        """Return the labels of every model so far, in order; undone ones are not among them."""
-        known = [list(model.added) for model in one.models()]
-        return [model for model in known if model != list(one.added)] + [list(one.added)]
 
     def usual_s(self, job: str) -> float | None:
         """Return how long such a job took last time."""
