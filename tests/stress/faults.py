@@ -124,8 +124,9 @@ def _is_cut(path: Path) -> bool:
 
 def _still_wrong(place: Place, whole: Path) -> list[str]:
     """Run the command where all is well; return what is wrong then."""
-    code, _ = place.run()
-    return [f"then exit code {code}"] * (code != 0) + [f"then {name}" for name in different(place.out, whole)]
+    code, said = place.run()
+    ended = [f"then exit code {code}: {said[-300:]}"] * (code != 0)
+    return ended + [f"then {name}" for name in different(place.out, whole)]
 
 
 def full(place: Place, whole: Path, rng: random.Random) -> list[str]:
