@@ -154,7 +154,8 @@ def draw(rows: Sequence[dict[str, Any]], picture: Path) -> None:
             for bits in dict.fromkeys(row["vector_bits"] for row in rows):
                 of = [row for row in rows if row["what"] == what and row["vector_bits"] == bits]
                 places = [commits.index(row["commit"]) for row in of]
-                axis.plot(places, [row["ratio"] for row in of], "o-", label=f"{what}, {bits} bits")
+                if of:
+                    axis.plot(places, [row["ratio"] for row in of], "o-", label=f"{what}, {bits} bits")
         axis.set_ylabel(label)
         axis.set_ylim(bottom=0.0)
         if axis.lines:

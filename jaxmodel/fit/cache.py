@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -32,6 +32,7 @@ Progress = Callable[[str], None]
 # Which curves a model has: none, corrections of tables, those of relations without a table too, or of these only those
 # that imitate none of its additions.
 Curves = Literal["none", "base", "all", "beside"]
+_Key = tuple[Labels, bool, Labels]  # of a model: its additions, whether it has curves of no table, all its curves
 # Log evidence by which a fit from another start must be better. Assumed.
 LEAST_BETTER = 0.5
 # Mean square error of a channel, over that of a simpler model, from which a start has given it up. Assumed.
@@ -88,7 +89,8 @@ class FitCache:
             raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
         outputs = self.case.vocabulary.outputs
         self.view = View(self.space, collect(self.space.fitted, self.noise, outputs, self.fit_runs, settings))
-        self._fits: dict[tuple[Labels, bool, Labels], Fit] = {}
+        self._fits: dict[_Key, Fit] = {}
+        self._stay: dict[_Key, dict[str, float]] = {}
         self._points: dict[tuple[Labels, str, Curves], tuple[np.ndarray, float]] = {}
         self._scores: dict[Labels, tuple[Scores, Scores]] = {}
 
@@ -159,8 +161,16 @@ class FitCache:
         key = (labels, more, own)  # the same curves may be asked for by several names
         if key not in self._fits:
             fit = self._with_more_curves(labels, own) if more else self._calibrated(labels, curves)
-            self._fits[key] = self._quieter(fit) if own else fit
+            self._fits[key], self._stay[key] = self._quieter(fit, self._stay.get(self._before(key), {}))
         return self._fits[key]
+
+    def _before(self, key: _Key) -> _Key:
+        """Return the key of the model from which one is calibrated."""
+        labels, more, _ = key
+        if not more and labels:
+            last = max(labels, key=self._rank)
+            labels = self.space.key([label for label in labels if label != last])
+        return labels, False, self.curves_of(labels)
 
     @property
     def base(self) -> Fit:
@@ -262,14 +272,22 @@ class FitCache:
         fits = [one for one in fits if not gives_up(one)] or fits
         return functools.reduce(_better, fits)
 
-    def _quieter(self, fit: Fit) -> Fit:
+    def _quieter(self, fit: Fit, stay: Mapping[str, float]) -> tuple[Fit, dict[str, float]]:
         """Return a model calibrated from the weights of its sensors' noise, where that has more evidence.
 
         Errors that last minutes count as few readings, and so they stay: weights and errors ask for each other. How
-        much of them the weights of noise would leave is algebra, and few models need the second calibration.
+        much of them the weights of noise would leave is algebra, and few models need the second calibration: not those
+        of which that much was left in vain before the last addition, which changes little of it.
+
+        Args:
+            fit: the model.
+            stay: of the model before, as returned.
+
+        Returns:
+            The model, and by channel the mean square above noise that those weights would have left in vain.
         """
-        if not self.is_within_tolerance(fit):
-            return fit
+        if not fit.spec.amplitudes or not self.is_within_tolerance(fit):
+            return fit, dict(stay)
         data, before = self.view.data, fit.mean_squares(self.view)
         noise = {
             name: float(np.mean([data.sd[rows][0] for rows in slices])) for name, slices in data.by_channel.items()
@@ -277,12 +295,16 @@ class FitCache:
         weights = from_tolerances(data, noise, inflation=1.0)
         gram = fit.linear.under(weights)
         x = solved(gram.square, gram.aim, fit.spec.precision)
+        less = {}
         for name, one in fit.linear.by_channel.items():
-            missed, left = before[name] - noise[name] ** 2, one.misfit(x) / one.count - noise[name] ** 2
+            missed, left = (max(one - noise[name] ** 2, 0.0) for one in (before[name], one.misfit(x) / one.count))
             is_slow = fit.likelihood.channels[name].inflation > SLOW and before[name] > (QUIET * noise[name]) ** 2
-            if is_slow and left < LEFT * missed:
-                return _better(fit, calibrate(self.view, fit.spec, fit.x, self.tolerances, weights))
-        return fit
+            if is_slow and left < LEFT * min(missed, stay.get(name, np.inf)):
+                less[name] = left
+        if not less:
+            return fit, dict(stay)
+        best = _better(fit, calibrate(self.view, fit.spec, fit.x, self.tolerances, weights))
+        return best, {**stay, **(less if best is fit else {})}
 
     def flexible(self, spec: ModelSpec, spread: float = 1.0) -> ModelSpec:
         """Return a model with its curves as free as they may be, where its calibration begins.

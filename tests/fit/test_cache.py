@@ -98,8 +98,12 @@ def test_slow_errors_that_the_weights_of_noise_would_remove_do_not_stay(warm: Fi
     poor = calibrate(cache.view, fit.spec, np.zeros_like(fit.x), cache.tolerances, loose, rounds=0)
     before, reached = (one.mean_squares(cache.view)["cell_temperature_degC"] for one in (poor, fit))
     assert before > 4.0 * reached
-    assert cache._quieter(poor).mean_squares(cache.view)["cell_temperature_degC"] < 1.5 * reached
-    assert cache._quieter(fit) is fit, "what leaves noise is not calibrated again"
+    better, stay = cache._quieter(poor, {})
+    assert better.mean_squares(cache.view)["cell_temperature_degC"] < 1.5 * reached
+    assert stay == {}
+    assert cache._quieter(fit, {})[0] is fit, "what leaves noise is not calibrated again"
+    in_vain = dict.fromkeys(cache.noise, 0.0)
+    assert cache._quieter(poor, in_vain) == (poor, in_vain), "the model before was left with as much in vain"
 
 
 def test_tolerances_are_stated_or_assumed(warm: FitCache):
