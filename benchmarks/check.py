@@ -157,7 +157,7 @@ def draw(rows: Sequence[dict[str, Any]], picture: Path) -> None:
                 if of:
                     axis.plot(places, [row["ratio"] for row in of], "o-", label=f"{what}, {bits} bits")
         axis.set_ylabel(label)
-        axis.set_ylim(bottom=0.0)
+        axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
         if axis.lines:
             axis.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     axes[-1].set_xticks(range(len(commits)), commits, rotation=90)
