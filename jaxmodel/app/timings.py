@@ -7,8 +7,8 @@ import contextlib
 import os
 import sys
 import threading
-import time
 from collections.abc import Iterator
+from time import perf_counter, process_time
 from types import FrameType
 
 from jaxmodel.app.terminal import table
@@ -36,7 +36,7 @@ class Timings:
 
     def __init__(self) -> None:
         """Begin; what the process has computed until now is the start of Python and of the command line."""
-        self._spent = collections.defaultdict(float, {"Python and the command line": time.process_time()})
+        self._spent = collections.defaultdict(float, {"Python and the command line": process_time()})
         self._main = threading.main_thread().ident
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
@@ -49,9 +49,9 @@ class Timings:
         return dict(sorted(self._spent.items(), key=lambda one: -one[1]))
 
     def _look(self) -> None:
-        before = time.perf_counter()
+        before = perf_counter()
         while not self._ended.wait(_EVERY_S):
-            frame, now = sys._current_frames().get(self._main or 0), time.perf_counter()
+            frame, now = sys._current_frames().get(self._main or 0), perf_counter()
             self._spent[_what(frame)] += now - before
             before = now
 

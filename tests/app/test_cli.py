@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from jaxmodel.app import terminal
+from jaxmodel.app import terminal, timings
 from jaxmodel.app.commands import diagnose as diagnose_command
 from jaxmodel.base.jax_settings import cache_folder
 from jaxmodel.case.build import case_model, run_profile
@@ -362,7 +362,11 @@ def test_compiled_programs_are_kept_where_the_user_says(monkeypatch: pytest.Monk
     assert cache_folder() == tmp_path / "jaxmodel"
 
 
-def test_timings_say_where_the_time_of_a_command_went(run: Run, made_case: Path, tmp_path: Path) -> None:
+def test_timings_say_where_the_time_of_a_command_went(
+    run: Run, made_case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # This process has computed for minutes, of which the command would be no hundredth.
+    monkeypatch.setattr(timings, "process_time", lambda: 0.1)
     result = run("--timings", "simulate", made_case, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     rows = {}
