@@ -56,7 +56,7 @@ notebooks: $(INSTALLED_DOCS)
 bench: $(INSTALLED) bench-peers
 	$(BIN)/python -m benchmarks
 
-# Three minutes: ratios to peers, held against the last ones in benchmarks/history.csv; fails if one has become larger.
+# Two minutes: ratios to peers, held against the last ones in benchmarks/history.csv; fails if one has become larger.
 bench-check: $(INSTALLED)
 	$(BIN)/python -m benchmarks check
 

@@ -90,11 +90,13 @@ def main(wanted: Sequence[str]) -> None:
     What is not run, or left out for want of a GPU, keeps the figures, and the machine, of the run before.
     """
     began, folder = time.perf_counter(), Path(__file__).parent
-    if wanted[:1] == ["check"]:
-        raise SystemExit(check(keep=wanted[1:] == ["--keep"]) or None)
-    unknown = set(wanted) - set(PARTS)
+    if list(wanted) in (["check"], ["check", "--keep"]):
+        raise SystemExit(check(keep="--keep" in wanted) or None)
+    unknown = set(wanted) - set(PARTS) - {"check"} or set(wanted) & {"check"}
     if unknown:
-        raise SystemExit(f"no part is called {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}, and check")
+        raise SystemExit(
+            f"no part is called {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}, and alone check"
+        )
     before = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     machine = report.machine()
     found = {name: run() for name, run in PARTS.items() if not wanted or name in wanted}

@@ -22,7 +22,7 @@ _OF_FILES = (
     ("<frozen importlib", "", "importing Python modules"),
     ("jaxmodel/lanes/machine.py", "", "LLVM makes kernels"),
     ("jaxmodel/lanes/module.py", "_made", "tracing and writing kernels"),
-    ("jaxmodel/lanes/", "", "running kernels"),
+    ("jaxmodel/lanes/pool.py", "", "running kernels"),
     ("jax/_src/compiler.py", "", "XLA compiles"),
     ("jax/_src/interpreters/mlir.py", "", "tracing for XLA"),
     ("jax/_src/interpreters/partial_eval.py", "", "tracing for XLA"),

@@ -168,9 +168,13 @@ class FitCache:
         """Return the key of the model from which one is calibrated."""
         labels, more, _ = key
         if not more and labels:
-            last = max(labels, key=self._rank)
-            labels = self.space.key([label for label in labels if label != last])
+            labels, _ = self._last(labels)
         return labels, False, self.curves_of(labels)
+
+    def _last(self, labels: Labels) -> tuple[Labels, str]:
+        """Return the additions of a model without the last one, and that: it begins where they end."""
+        last = max(labels, key=self._rank)
+        return self.space.key([label for label in labels if label != last]), last
 
     @property
     def base(self) -> Fit:
@@ -185,9 +189,8 @@ class FitCache:
     def _calibrated(self, labels: Labels, curves: Curves) -> Fit:
         spec = self.flexible(self.spec(labels, curves), 1.0)
         if labels:
-            last = max(labels, key=self._rank)
-            before = self.fit([label for label in labels if label != last], curves)
-            return self._from(before, labels, curves, last)
+            rest, last = self._last(labels)
+            return self._from(self.fit(rest, curves), labels, curves, last)
         if curves == "none":
             return calibrate(self.view, spec, self._first_start(spec), self.tolerances)
         exact = self.space.spec(spec.labels, dict.fromkeys(spec.amplitudes, NONE))
@@ -288,11 +291,8 @@ class FitCache:
         """
         if not fit.spec.amplitudes or not self.is_within_tolerance(fit):
             return fit, dict(stay)
-        data, before = self.view.data, fit.mean_squares(self.view)
-        noise = {
-            name: float(np.mean([data.sd[rows][0] for rows in slices])) for name, slices in data.by_channel.items()
-        }
-        weights = from_tolerances(data, noise, inflation=1.0)
+        noise, before = self.view.data.noise, fit.mean_squares(self.view)
+        weights = from_tolerances(self.view.data, noise, inflation=1.0)
         gram = fit.linear.under(weights)
         x = solved(gram.square, gram.aim, fit.spec.precision)
         less = {}

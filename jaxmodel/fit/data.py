@@ -54,6 +54,11 @@ class FitData:
         return found
 
     @functools.cached_property
+    def noise(self) -> dict[str, float]:
+        """Return the sd of each channel's sensor, the mean over runs."""
+        return {name: float(np.mean([self.sd[rows][0] for rows in slices])) for name, slices in self.by_channel.items()}
+
+    @functools.cached_property
     def block(self) -> np.ndarray:
         """Return the number of each reading's block (n,): its run, in `PIECES` pieces of equal time."""
         block = np.zeros(self.count, dtype=int)

@@ -109,7 +109,7 @@ def from_errors(data: FitData, errors: np.ndarray, used: Mapping[str, float] | N
     found = {}
     for name, slices in data.by_channel.items():
         series = [errors[rows] for rows in slices]
-        count, noise = sum(one.size for one in series), float(np.mean([data.sd[rows][0] for rows in slices]))
+        count, noise = sum(one.size for one in series), data.noise[name]
         mean_square = sum(float(one @ one) for one in series) / count
         inflation = autocorrelation_time(series)
         if mean_square <= noise**2:

@@ -23,7 +23,7 @@ from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.result import VERDICTS, Diagnosis
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.lanes import NotNative
+from jaxmodel.lanes import Kernel, NotNative, Pool, over
 from jaxmodel.model.simulation import simulate
 from tests.app.conftest import Run
 from tests.made_up import law, with_additions
@@ -378,3 +378,18 @@ def test_timings_say_where_the_time_of_a_command_went(
     parts = sum(seconds for what, seconds in rows.items() if what != "whole command")
     assert parts == pytest.approx(rows["whole command"], abs=0.01 * len(rows))
     assert "Time" not in run("simulate", made_case, "--out", tmp_path).stdout
+
+
+def test_what_a_thread_does_is_told_by_its_frames() -> None:
+    seen = []
+
+    def twice(shared: float, own: object) -> object:
+        seen.append(timings._what(sys._getframe()))
+        return own + own
+
+    kernel = over(Kernel, twice, np.float64(0.0), np.float64(0.0), "what a thread does")
+    with Pool(1) as pool:
+        pool.start(kernel, np.float64(0.0), np.arange(3.0), 3, 1).tree(
+            lambda _: seen.append(timings._what(sys._getframe()))
+        )
+    assert seen == ["tracing and writing kernels", "running kernels"]

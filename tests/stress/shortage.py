@@ -117,38 +117,31 @@ define i1 @is_short() {
   %short = or i1 %is_it, %later
   ret i1 %short
 }
-define ptr @new(ptr %context, i64 %size) {
-  %short = call i1 @is_short()
-  br i1 %short, label %none, label %some
-none:
-  ret ptr null
-some:
-  %found = call ptr @malloc(i64 %size)
-  ret ptr %found
-}
-define ptr @empty(ptr %context, i64 %count, i64 %size) {
-  %short = call i1 @is_short()
-  br i1 %short, label %none, label %some
-none:
-  ret ptr null
-some:
-  %found = call ptr @calloc(i64 %count, i64 %size)
-  ret ptr %found
-}
-define ptr @larger(ptr %context, ptr %old, i64 %size) {
-  %short = call i1 @is_short()
-  br i1 %short, label %none, label %some
-none:
-  ret ptr null
-some:
-  %found = call ptr @realloc(ptr %old, i64 %size)
-  ret ptr %found
-}
 define void @gone(ptr %context, ptr %old, i64 %size) {
   call void @free(ptr %old)
   ret void
 }
 """
+# Of an array's memory: by what name numpy asks, whom of C, and with which arguments.
+_MEMORY = (
+    ("new", "malloc", "i64 %size"),
+    ("empty", "calloc", "i64 %count, i64 %size"),
+    ("larger", "realloc", "ptr %old, i64 %size"),
+)
+_HANDLERS += "".join(
+    f"""
+define ptr @{name}(ptr %context, {taken}) {{
+  %short = call i1 @is_short()
+  br i1 %short, label %none, label %some
+none:
+  ret ptr null
+some:
+  %found = call ptr @{of}({taken})
+  ret ptr %found
+}}
+"""
+    for name, of, taken in _MEMORY
+)
 
 
 class _Handler(ctypes.Structure):
