@@ -94,9 +94,7 @@ def main(wanted: Sequence[str]) -> None:
         raise SystemExit(check(keep="--keep" in wanted) or None)
     unknown = set(wanted) - set(PARTS) - {"check"} or set(wanted) & {"check"}
     if unknown:
-        raise SystemExit(
-            f"no part is called {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}, and alone check"
-        )
+        raise SystemExit(f"{', '.join(sorted(unknown))}: no such part; there are {', '.join(PARTS)}, or check alone")
     before = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     machine = report.machine()
     found = {name: run() for name, run in PARTS.items() if not wanted or name in wanted}

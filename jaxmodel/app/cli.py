@@ -15,7 +15,7 @@ import typer
 from jaxmodel.app.answers_command import compare_answers, history
 from jaxmodel.app.diagnose_options import Add, Effects, With, Without
 from jaxmodel.app.import_command import import_
-from jaxmodel.app.one_sentence import OneSentence
+from jaxmodel.app.one_sentence import TIMINGS, OneSentence
 from jaxmodel.app.start_command import start
 from jaxmodel.app.workbench_command import workbench
 from jaxmodel.base.version import __version__
@@ -43,7 +43,7 @@ def _print_version(asked: bool) -> bool:
 
 @app.callback()
 def _of_all_commands(
-    timings: Annotated[bool, typer.Option("--timings", help="Say at the end where the time went.")] = False,
+    timings: Annotated[bool, typer.Option(TIMINGS, help="Say at the end where the time went.")] = False,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,

@@ -17,6 +17,7 @@ from jaxmodel.app.timings import told
 
 MISTAKE = 2
 _STOPPED = 130
+TIMINGS = "--timings"
 _NO_MEMORY = "RESOURCE_EXHAUSTED"  # so JAX says it
 _MOST_CHARACTERS = 800  # of a sentence, which may repeat a word of any length
 _PARSED = (
@@ -36,9 +37,10 @@ class OneSentence(typer.core.TyperGroup):
         sys.exit(self._exit_code(*args, **kwargs))
 
     def _exit_code(self, args: Sequence[str] | None = None, *others: Any, **kwargs: Any) -> int:
-        given = list(sys.argv[1:] if args is None else args)
+        words = list(sys.argv[1:] if args is None else args)
+        given = [word for word in words if word != TIMINGS]  # before or after the command
         try:
-            with _plain_remarks(), told() if given[:1] == ["--timings"] else contextlib.nullcontext():
+            with _plain_remarks(), told() if TIMINGS in words else contextlib.nullcontext():
                 code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
         except typer.TyperException as error:
             sentence = _plain(error.format_message())

@@ -377,6 +377,7 @@ def test_timings_say_where_the_time_of_a_command_went(
     assert rows["drawing pictures"] > 0.0
     parts = sum(seconds for what, seconds in rows.items() if what != "whole command")
     assert parts == pytest.approx(rows["whole command"], abs=0.01 * len(rows))
+    assert "whole command" in run("simulate", made_case, "--out", tmp_path, "--timings").stdout
     assert "Time" not in run("simulate", made_case, "--out", tmp_path).stdout
 
 
