@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +26,8 @@ _TOLERANCE_V, _TOLERANCE_V_PER_K, _TOLERANCE, _TOLERANCE_OF_FACTOR = 5e-5, 1e-7,
 _FORMULA_SOC = (-0.01, formulas.SOC_FORMULA_FLOOR, 1.05)
 _HALVINGS = 7
 _DIGITS = 7
+# Points of a curve that are computed together.
+_BATCH = 1024
 # Smallest resistance that is written, where a formula gives none above zero, ohm.
 _LEAST = 1e-6
 
@@ -119,9 +122,24 @@ def _cycle_resistance(model: Model) -> jax.Array:
 
 
 def _sampler(curve: formulas.Curve) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    over_soc = jax.vmap(curve, in_axes=(0, None))
-    over_both = jax.vmap(over_soc, in_axes=(None, 0))
-    return lambda soc, temperature_degC: np.asarray(over_both(jnp.asarray(soc), jnp.asarray(temperature_degC)))
+    """Return a function of states of charge and of temperatures that gives the curve's values at both.
+
+    The points are in batches of one size: JAX compiles the curve once, and not for each number of knots.
+    """
+
+    def sample(soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
+        at_temperature, at_soc = (grid.ravel() for grid in np.meshgrid(temperature_degC, soc, indexing="ij"))
+        padded = np.stack([np.resize(at, -(-at.size // _BATCH) * _BATCH) for at in (at_soc, at_temperature)])
+        found = [_at_batch(curve, jnp.asarray(batch)) for batch in np.split(padded, padded.shape[1] // _BATCH, axis=1)]
+        return np.concatenate(found)[: at_soc.size].reshape(temperature_degC.size, soc.size)
+
+    return sample
+
+
+@eqx.filter_jit
+def _at_batch(curve: formulas.Curve, points: jax.Array) -> jax.Array:
+    """Return the values of a curve at points (SOC; degC), shape (points,)."""
+    return jax.vmap(curve)(*points)
 
 
 def _start_of_soc(base: formulas.Curve, found: Sequence[CurveAtKnots]) -> np.ndarray:
