@@ -47,8 +47,8 @@ class Settings:
     )
     most_steps: int = _constant(
         10_000,
-        "rows of all fit runs together that a fit simulates; longer runs have windows of all rows, and between them "
-        "steps that keep charge and heat",
+        "rows of all fit runs together that a fit simulates; longer runs have few steps where their inputs are steady, "
+        "and windows of all rows where they change",
     )
 
     # Unknown laws; the evidence chooses the sd of their priors.

@@ -15,6 +15,8 @@ from jaxmodel.parameterisation.linear import lagged
 from jaxmodel.parameterisation.rows import Rows
 
 LEAST_RISE_K = 1.5  # range of the temperature by the cell's own heat: below it a run says nothing
+# Without single readings that are wrong; the end of a discharge, which warms most, may be a hundredth of a run.
+SEEN_PERCENT = (0.1, 99.9)
 LONGEST_S = 60.0  # a reading counts as the time it stands for, up to this
 OFFSET_K = 0.5  # sd of the error of the ambient temperature of a run
 TAUS_S = np.geomspace(60.0, 20_000.0, 49)
@@ -36,7 +38,7 @@ def thermal_start(
     warm = [
         rows
         for rows in runs
-        if rows.warm and np.ptp(np.percentile(rows.degC - rows.ambient_degC, [1, 99])) >= LEAST_RISE_K
+        if rows.warm and np.ptp(np.percentile(rows.degC - rows.ambient_degC, SEEN_PERCENT)) >= LEAST_RISE_K
     ]
     if not warm:
         return None

@@ -2,7 +2,7 @@
 
 The explanation that explains most comes first: missing heat, one run that differs, runs that follow a condition, or
 segments of a condition. The next is searched in what remains. Only what is significant against the scatter of runs, or
-of their blocks, is stated.
+of their blocks, is stated. Before them comes a range of a condition that holds most of the error and is not explained.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxmodel.diagnosis.residuals.concentration import concentration
 from jaxmodel.diagnosis.residuals.of_conditions import condition_explanation
 from jaxmodel.diagnosis.residuals.of_runs import heat_explanation, outlying_run, run_explanations
 from jaxmodel.diagnosis.residuals.statement import Explanation, Statement, View, view_of
@@ -75,7 +76,10 @@ def account(residuals: ChannelResiduals, *, capacity_Ah: float | None = None, mo
         if not any(one.condition == "run" and one.lower == apart.lower for one in said):
             said.append(apart)
         view, rows = view.without_run(int(apart.lower)), rows & (residuals.run != apart.lower)
-    return Account(tuple(said), residuals.less(explained))
+    left = residuals.less(explained)
+    # Where most of the error is has been said if it is explained.
+    concentrated = concentration(view_of(left, capacity_Ah, CHANCE), of=residuals.mean_square)
+    return Account((*([concentrated] if concentrated else []), *said)[:most], left)
 
 
 def _explanations(view: View) -> Iterator[Explanation]:

@@ -1,17 +1,24 @@
-"""Long runs, thinned for the fits: windows at full resolution, and between them steps that keep charge and heat.
+"""Long runs, thinned for the fits: few steps where inputs are steady, and windows of all rows where they are not.
 
 A fit simulates a case thousands of times, and rows that are seconds apart tell it little more than the first of them.
-Half of the windows are spread evenly over a run; the others are where its inputs change most (pulses). Between windows
-an input u with mean m and standard deviation s over a block is m + s for half of the time and m - s for the other half:
-its integral and that of its square are exact, so that charge and ohmic heat are. Towards the next window blocks become
-shorter, each a quarter of the time left: what has relaxed by then may be coarse. Readings between windows are not
-fitted; errors are computed from all readings.
+
+Where the inputs are steady (a rest, a constant current, a motor at one voltage) a step takes several rows: it ends
+before a channel has moved by a small share of its range, and may be longer the longer the inputs have been steady. Each
+ends in a reading, so that no part of a run goes unread: the last minutes of a discharge may hold half of the error.
+
+Where the inputs change from row to row (a drive cycle), all rows are kept if there are few. Of many, windows are kept:
+half of them spread evenly, the others where the inputs change most (pulses). Between windows an input u with mean m and
+standard deviation s over a block is m + s for half of the time and m - s for the other half: its integral and that of
+its square are exact, so that charge and ohmic heat are. Towards what follows blocks become shorter, each a quarter of
+the time left: what has relaxed by then may be coarse. Readings in blocks are not fitted.
+
+Errors are computed from all readings.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,14 +28,58 @@ from jaxmodel.fit.settings import Settings
 
 # Rows of a window.
 WINDOW = 100
-# Share of a run's steps that are in windows.
+# Share of the steps for restless rows that are in windows.
 _IN_WINDOWS = 0.7
-# Length of a block as a share of the time to the next window.
+# Length of a block as a share of the time to what follows.
 _SHRINKS = 0.25
+# Rows from which inputs that do not change are steady.
+_STEADY_ROWS = 20
+# An input changes where it differs from the row before by this share of its range, and its noise.
+_CHANGE, _OF_NOISE, _MOST_NOISE = 0.02, 5.0, 0.01
+# Steps of steady inputs: the share of its range by which a channel may move in one; the length as a share of the time
+# for which the inputs have been steady, and of the run. Times a factor, the least that gives few enough steps.
+_MOVES, _GROWS, _LONGEST = 0.005, 0.1, 1.0 / 500.0
+_FACTORS = 1.3 ** np.arange(-16, 17)
+_ABOUT = 1.1  # of the steps asked for: as near as is sought
+# Share of its range by which the input of a reading may differ from that of the step that ends in it.
+_ALIKE = 0.001
+
+
+@dataclasses.dataclass(frozen=True)
+class Signal:
+    """A load or a channel of a run.
+
+    Attributes:
+        values: (rows,).
+        span: largest minus smallest value.
+        noise: from row to row, as an sd.
+    """
+
+    values: np.ndarray
+    span: float
+    noise: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps:
+    """Steps in steady stretches.
+
+    Attributes:
+        ends: last row of each, which is read.
+        own: those of the ends whose row is a step of its own, after that of the rows before.
+    """
+
+    ends: np.ndarray
+    own: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Return how many steps there are."""
+        return self.ends.size + self.own.size
 
 
 def thinned(case: Case, settings: Settings) -> Case:
-    """Return a case with its fit runs thinned to `settings.most_steps` rows together; itself if they have no more.
+    """Return a case with its fit runs thinned to about `settings.most_steps` rows; itself if they have no more.
 
     Of check runs only the first rows are kept, which may adjust their start.
     """
@@ -51,26 +102,184 @@ def start_rows(run: Run, settings: Settings) -> slice:
 
 
 def thinned_rows(measured: Measured, most: int) -> Measured:
-    """Return a run of at most about so many rows, with readings in windows only; itself if it has no more."""
+    """Return a run of at most about so many rows; itself if it has no more."""
     if measured.time_s.size <= most:
         return measured
-    in_window = _windows(measured, most)
-    edges = np.flatnonzero(np.diff(in_window.astype(int)))
-    if not edges.size:  # windows so close that they are the whole run
+    few = _thinned_rows(measured, most)
+    # Each gap takes a few steps more than its share, as its blocks become shorter towards what follows.
+    return few if few.time_s.size <= _ABOUT * most else _thinned_rows(measured, int(most * most / few.time_s.size))
+
+
+def _thinned_rows(measured: Measured, most: int) -> Measured:
+    stretches = _steady(measured)
+    restless = _restless(measured.time_s.size, stretches)
+    row_s = np.diff(measured.time_s, prepend=measured.time_s[0])
+    # All restless rows where the steady ones keep half of the steps, or their share of the time.
+    share = float(row_s[~restless].sum() / row_s.sum())
+    steps = _steady_steps(measured, stretches, max(most - int(restless.sum()), int(min(0.5, share) * most)))
+    if steps is None:  # too many stretches for steps of their own
+        restless, steps = np.ones(restless.size, dtype=bool), Steps(np.zeros(0, dtype=int), np.zeros(0, dtype=int))
+    left = most - steps.count
+    read = restless if restless.sum() <= left else restless & _windows(measured, restless, left)
+    if read.all():
         return measured
-    parts = [_rows(measured, slice(0, edges[0] + 1))]
-    gaps_s = float(np.sum(np.diff(measured.time_s)[~in_window[1:]]))
-    longest_s = 2.0 * gaps_s / ((1.0 - _IN_WINDOWS) * most)
-    ends = {name: (float(values.min()), float(values.max())) for name, values in measured.inputs.items()}
-    # Row 0 and the last row are in windows, so that edges alternate between the last row of a window and of a gap.
-    for last, end in zip(edges[::2], edges[1::2], strict=True):
-        following = edges[edges > end]
-        stop = int(following[0]) + 1 if following.size else measured.time_s.size
-        parts += [
-            _blocks(measured, int(last), int(end), longest_s, ends),
-            _rows(measured, slice(int(end) + 1, stop)),
-        ]
-    return _joined(parts)
+    return _joined(_parts(measured, read, restless & ~read, steps, left))
+
+
+def _restless(rows: int, stretches: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Return True for rows (rows,) outside all stretches."""
+    found = np.ones(rows, dtype=bool)
+    for first, last in stretches:
+        found[first : last + 1] = False
+    return found
+
+
+def _signal(values: np.ndarray) -> Signal:
+    """Return a load or channel, held over rows without a reading."""
+    there = np.isfinite(values)
+    held = values[np.maximum.accumulate(np.where(there, np.arange(values.size), 0))] if not there.all() else values
+    read = values[there]
+    if read.size < 3:
+        return Signal(held, 0.0, 0.0)
+    span = float(np.ptp(read))
+    noise = float(np.median(np.abs(np.diff(read, 2)))) / (0.6745 * np.sqrt(6.0))
+    return Signal(held, span, min(noise, _MOST_NOISE * span))
+
+
+def _loads(measured: Measured) -> dict[str, Signal]:
+    """Return the inputs but for temperatures, which act slowly, and where they change hardly count."""
+    return {name: _signal(values) for name, values in measured.inputs.items() if not name.endswith("degC")}
+
+
+def _steady(measured: Measured) -> list[tuple[int, int]]:
+    """Return the first and last row of each stretch in which no load changes from row to row."""
+    changes = np.zeros(measured.time_s.size, dtype=bool)
+    changes[:2] = True
+    for load in _loads(measured).values():
+        changes[1:] |= np.abs(np.diff(load.values)) > _CHANGE * load.span + _OF_NOISE * load.noise
+    begins = np.flatnonzero(changes)
+    ends = np.append(begins[1:], changes.size)
+    long = ends - begins >= _STEADY_ROWS
+    return [(int(first), int(end) - 1) for first, end in zip(begins[long], ends[long], strict=True)]
+
+
+def _steady_steps(measured: Measured, stretches: Sequence[tuple[int, int]], most: int) -> Steps | None:
+    """Return the finest steps in steady stretches of which there are at most so many; None if there are none."""
+    loads = list(_loads(measured).values())
+    channels = [_signal(values) for values in measured.outputs.values()]
+    readings = np.sum([np.isfinite(values) for values in measured.outputs.values()], axis=0)
+    found, low, high = None, 0, _FACTORS.size - 1
+    while stretches and low <= high:
+        middle = (low + high) // 2
+        ends = _ends(measured.time_s, stretches, loads, channels, readings, float(_FACTORS[middle]), most)
+        steps = None if ends is None else Steps(ends, _with_own_row(measured.time_s, stretches, loads, ends))
+        if steps is not None and steps.count <= most:
+            found, high = steps, middle - 1
+        else:
+            low = middle + 1
+    return found
+
+
+def _ends(
+    time_s: np.ndarray,
+    stretches: Sequence[tuple[int, int]],
+    loads: Sequence[Signal],
+    channels: Sequence[Signal],
+    readings: np.ndarray,
+    factor: float,
+    most: int,
+) -> np.ndarray | None:
+    """Return the last row of each step, where a step ends before a load or a channel moves; None if they are too many.
+
+    Args:
+        time_s: (rows,) of the run.
+        stretches: their first and last rows.
+        loads: of the run.
+        channels: of the run.
+        readings: (rows,) how many channels are read at a row.
+        factor: on the length of steps, and on what may move within one.
+        most: number of steps.
+    """
+    longest_s = factor * _LONGEST * float(time_s[-1] - time_s[0])
+    # By how much each may move within a step, beyond its noise.
+    ends_at = [(one.values, factor * _MOVES * one.span + _OF_NOISE * one.noise) for one in channels]
+    spans = [(one.values, factor * _MOVES * one.span + 2.0 * _OF_NOISE * one.noise) for one in loads]
+    found: list[int] = []
+    for begin, end in stretches:
+        first = begin - 1
+        while first < end:
+            if len(found) >= most:
+                return None
+            length_s = min(longest_s, factor * _GROWS * float(time_s[first] - time_s[begin - 1]))
+            last = min(end, max(first + 1, int(np.searchsorted(time_s, time_s[first] + length_s, side="right")) - 1))
+            while last > first + 1 and (
+                any(abs(values[last] - values[first]) > most_off for values, most_off in ends_at)
+                or any(np.ptp(values[first + 1 : last + 1]) > most_off for values, most_off in spans)
+            ):
+                last = first + (last - first) // 2
+            if last > first + 1:  # the last of the rows in which most channels are read
+                of_rows = readings[first + 1 : last + 1]
+                last -= int(np.argmax(of_rows[::-1]))
+            found.append(last)
+            first = last
+    return np.array(found, dtype=int)
+
+
+def _with_own_row(
+    time_s: np.ndarray, stretches: Sequence[tuple[int, int]], loads: Sequence[Signal], ends: np.ndarray
+) -> np.ndarray:
+    """Return those ends of steps at which a load is not that of its step: the last row is a step of its own there."""
+    begins = np.array([first - 1 for first, _ in stretches])
+    before = np.maximum(np.append(0, ends[:-1]), begins[np.searchsorted(begins, ends) - 1])
+    row_s = np.diff(time_s, prepend=time_s[0])
+    own = np.zeros(ends.size, dtype=bool)
+    for load in loads:
+        mean = _sums(load.values * row_s, before, ends) / _sums(row_s, before, ends)
+        own |= np.abs(load.values[ends] - mean) > _ALIKE * load.span
+    return ends[own & (ends - before > 1)]
+
+
+def _sums(values: np.ndarray, before: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return the sums of values over the rows (before, end]."""
+    bounds = np.stack([before + 1, ends + 1], axis=1).ravel()
+    return np.add.reduceat(np.append(values, 0.0), bounds)[::2]
+
+
+def _parts(measured: Measured, read: np.ndarray, gaps: np.ndarray, steps: Steps, most: int) -> list[Measured]:
+    """Return the steps of a run, in order of time.
+
+    Args:
+        measured: the run.
+        read: (rows,) True for rows that are kept.
+        gaps: (rows,) True for rows that are in blocks, without readings.
+        steps: in steady stretches.
+        most: steps for rows that are not steady.
+    """
+    is_end = read.copy()
+    is_end[0] = is_end[steps.ends] = is_end[steps.own - 1] = True
+    closes = gaps & ~np.append(gaps[1:], False)  # last row of a gap
+    ends = np.flatnonzero(is_end | closes)
+    silent = np.isin(ends, steps.own - 1) | closes[ends]
+    row_s = np.diff(measured.time_s, prepend=measured.time_s[0])
+    before, single = ends[:-1], np.diff(ends) == 1
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        found = values[ends].copy()
+        found[1:][~single] = (_sums(values * row_s, before, ends[1:]) / _sums(row_s, before, ends[1:]))[~single]
+        return found
+
+    inputs = {name: mean(values) for name, values in measured.inputs.items()}
+    outputs = {name: np.where(silent, np.nan, values[ends]) for name, values in measured.outputs.items()}
+    whole = Measured(measured.time_s[ends], inputs, outputs)
+    longest_s = 2.0 * float(np.sum(row_s[gaps])) / ((1.0 - _IN_WINDOWS) * most)
+    limits = {name: (float(values.min()), float(values.max())) for name, values in measured.inputs.items()}
+    parts, done = [], 0
+    for place in np.flatnonzero(closes[ends]):
+        parts.append(_rows(whole, slice(done, int(place))))
+        first = int(ends[place - 1]) if place else 0
+        parts.append(_blocks(measured, first, int(ends[place]), longest_s, limits))
+        done = int(place) + 1
+    return [*parts, _rows(whole, slice(done, ends.size))]
 
 
 def _rows(measured: Measured, rows: slice) -> Measured:
@@ -103,16 +312,23 @@ def _level(rows: np.ndarray, most: int) -> int:
     return int(ordered[-1])
 
 
-def _windows(measured: Measured, most: int) -> np.ndarray:
-    """Return True for rows (rows,) in windows: of the first and the last, half evenly spread, half the liveliest."""
-    rows = measured.time_s.size
-    count = -(-rows // WINDOW)
-    kept = max(3, int(_IN_WINDOWS * most) // WINDOW)
-    number = np.arange(rows) // WINDOW
-    chosen = np.zeros(count, dtype=bool)
-    chosen[np.linspace(0, count - 1, -(-kept // 2)).round().astype(int)] = True
-    changes = np.bincount(number, _changes(measured), minlength=count)
-    liveliest = np.argsort(np.where(chosen, -np.inf, changes), kind="stable")[::-1]
+def _windows(measured: Measured, restless: np.ndarray, most: int) -> np.ndarray:
+    """Return True for rows (rows,) in windows: half of them evenly spread, half the liveliest.
+
+    Args:
+        measured: the run.
+        restless: (rows,) True for the rows of which windows are chosen.
+        most: steps for these rows, of which a share is in windows.
+    """
+    number = np.arange(restless.size) // WINDOW
+    count = np.bincount(number, restless)
+    there = np.flatnonzero(count)
+    kept = min(there.size, max(3, int(_IN_WINDOWS * most / np.mean(count[there]))))
+    chosen = np.zeros(count.size, dtype=bool)
+    chosen[there[np.linspace(0, there.size - 1, -(-kept // 2)).round().astype(int)]] = True
+    changes = np.bincount(number, _changes(measured))
+    changes[chosen | (count == 0)] = -np.inf
+    liveliest = np.argsort(changes, kind="stable")[::-1]
     chosen[liveliest[: kept - int(chosen.sum())]] = True
     return chosen[number]
 

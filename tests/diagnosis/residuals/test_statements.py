@@ -233,3 +233,23 @@ def test_a_reversed_error_reverses_every_value() -> None:
     )
     turned: ChannelResiduals = dataclasses.replace(residuals, error=-residuals.error)
     assert [one.value for one in statements(turned)] == pytest.approx([-one.value for one in statements(residuals)])
+
+
+def test_an_error_without_a_mean_is_located_by_its_size() -> None:
+    def off(run, number):
+        return 0.06 * np.sin(run["soc"] * 900.0) * (run["soc"] < 0.1)
+
+    (first, *_) = statements(constant_currents(off, rates=(1.0, 1.01, 1.02, 1.03)))
+    assert (first.condition, first.upper, first.cause, first.runs_seen) == ("soc", 0.1, "", 4)
+    assert first.text == "SOC below 0.1: the RMS error is 42 mV (in all 4 runs); elsewhere it is 1 mV."
+    assert first.share > 0.9
+
+
+def test_an_error_that_is_explained_is_located_once() -> None:
+    found = statements(constant_currents(lambda run, number: 0.06 * (run["soc"] < 0.1)))
+    assert [one.cause for one in found] == ["open_circuit_voltage"]
+
+
+def test_an_error_in_one_run_is_not_that_of_a_range() -> None:
+    found = statements(constant_currents(lambda run, number: 0.06 * np.sin(run["soc"] * 900.0) * (number == 2)))
+    assert all("elsewhere" not in one.text for one in found)

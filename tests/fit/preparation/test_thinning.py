@@ -93,3 +93,70 @@ def test_short_cases_are_not_touched():
 def test_a_run_whose_windows_are_all_of_it_stays():
     measured = drive(250)
     assert thinned_rows(measured, 200) is measured
+
+
+def _pulses() -> Measured:
+    """Return a pulse test at 1 s: rests and slow discharges of minutes, short pulses, and a dive at the end."""
+    rng = np.random.default_rng(2)
+    cycle = np.concatenate([np.full(30, 3.0), np.full(40, 0.0), np.full(10, -2.0), np.zeros(600), np.full(700, 1.0)])
+    current = np.tile(np.append(cycle, np.zeros(1800)), 4)
+    time = np.arange(float(current.size))
+    dive = 1.5 * np.clip((time - time[-400]) / 400.0, 0.0, None) ** 2
+    voltage = 3.7 - 0.03 * current - 1e-5 * np.cumsum(current) - dive + 5e-4 * rng.standard_normal(time.size)
+    temperature = np.where(np.arange(time.size) % 10 == 0, 25.0 + 0.01 * rng.standard_normal(time.size), np.nan)
+    inputs = {"current_A": current + 2e-3 * rng.standard_normal(time.size), "ambient_degC": np.full(time.size, 25.0)}
+    return Measured(time, inputs, {"voltage_V": voltage, "cell_temperature_degC": temperature})
+
+
+def test_steady_inputs_are_read_all_along():
+    measured = _pulses()
+    few = thinned_rows(measured, 1500)
+    assert few.time_s.size < 1650
+    read_s = few.time_s[np.isfinite(few.outputs["voltage_V"])]
+    # No reading is further from the next than a few minutes, in 3.5 hours; the dive of the last minutes is dense.
+    assert np.diff(read_s).max() < 400.0
+    dive = few.outputs["voltage_V"][few.time_s > measured.time_s[-400]]
+    assert np.abs(np.diff(dive)).max() < 0.03 * np.ptp(measured.outputs["voltage_V"])
+    # Each pulse is there from its first row, and the slower sensor is read too.
+    steps = np.flatnonzero(np.diff(np.round(measured.inputs["current_A"]))) + 1
+    assert np.isin(measured.time_s[steps], read_s).all()
+    assert np.sum(np.isfinite(few.outputs["cell_temperature_degC"])) > 100
+
+
+def test_steps_of_steady_inputs_keep_charge_and_what_is_read():
+    measured = _pulses()
+    few = thinned_rows(measured, 1500)
+    assert _integrals(few, "current_A")[0] == pytest.approx(_integrals(measured, "current_A")[0], rel=1e-9)
+    read = np.isfinite(few.outputs["voltage_V"])
+    at = np.searchsorted(measured.time_s, few.time_s[read])
+    np.testing.assert_array_equal(measured.outputs["voltage_V"][at], few.outputs["voltage_V"][read])
+    off = np.abs(measured.inputs["current_A"][at] - few.inputs["current_A"][read])
+    assert off.max() <= 1e-3 * np.ptp(measured.inputs["current_A"])
+
+
+def test_the_model_reads_the_same_at_steady_inputs():
+    measured = _pulses()
+    frame = {"time_s": measured.time_s} | measured.inputs | measured.outputs
+    case = Case.from_dataframes(
+        {"pulses": pd.DataFrame(frame), "start": pd.DataFrame(frame)},
+        kind="cell",
+        check=["start"],
+        parameters={"capacity_Ah": {"value": 3.0, "sd": 0.1}},
+        effects={"self_heating": {"C_th": 60.0, "hA": 0.2}},
+    )
+    few = thinned(case, dataclasses.replace(SETTINGS, most_steps=1500))
+    whole, part = (simulate(case_model(one, one.runs[0]), run_profile(one.runs[0])).readings for one in (case, few))
+    for name, limit in (("voltage_V", 5e-4), ("cell_temperature_degC", 5e-3)):
+        kept = np.isfinite(few.runs[0].measured.outputs[name])
+        at = np.searchsorted(measured.time_s, few.runs[0].measured.time_s[kept])
+        difference = np.asarray(part[name])[kept] - np.asarray(whole[name])[at]
+        assert np.sqrt(np.mean(difference**2)) < limit
+
+
+def test_rows_that_never_rest_are_in_windows():
+    measured = drive(ROWS)
+    restless = np.sin(measured.time_s / 97.0) > -0.3
+    few = thinned_rows(measured, 3000)
+    read_s = few.time_s[np.isfinite(few.outputs["voltage_V"])]
+    share = np.mean(restless[read_s.astype(int)])
+    assert 0.3 < share < 0.8  # by their share of the time, 0.6
