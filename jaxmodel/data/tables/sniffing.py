@@ -173,9 +173,11 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
     lines, places = _whole_lines(lines)
     best: tuple[float, str, int, int] = (0.0, "", 0, 0)
     for candidate in (delimiter,) if delimiter else (*_DELIMITERS, " "):
-        score, start, count = _longest_block(lines, candidate)
         # Blanks also stand inside a field; they delimit where nothing else does.
-        if score > best[0] and not (candidate == " " and best[0] > 0.0):
+        if candidate == " " and best[0] > 0.0:
+            continue
+        score, start, count = _longest_block(lines, candidate)
+        if score > best[0]:
             best = (score, candidate, start, count)
     score, found, start, count = best
     if score <= 0.0:
@@ -255,19 +257,21 @@ def _is_number(field: str) -> bool:
 def _longest_block(lines: Sequence[str], delimiter: str) -> tuple[float, int, int]:
     """Return score, first line and number of fields of the longest block of lines that are rows with this delimiter."""
     best = (0.0, 0, 0)
+    if delimiter != " " and not any(delimiter in line for line in lines):
+        return best
     score, start, fields_of_block, long = 0.0, 0, 0, 0
     for number, line in enumerate(lines):
         if not line.strip():
             continue
         fields = split(line, delimiter)
-        good = _goodness(fields)
-        if len(fields) >= 2 and good > 0.0 and len(fields) == fields_of_block:
+        good = _goodness(fields) if len(fields) >= 2 else 0.0  # one field is no row, whatever is in it
+        if good > 0.0 and len(fields) == fields_of_block:
             score, long = score + good, long + 1
         else:
             best = max(best, (score, start, fields_of_block), key=lambda block: block[0])
             if long >= _ENOUGH_LINES:
                 return best
-            row = len(fields) >= 2 and good > 0.0
+            row = good > 0.0
             score, start, fields_of_block, long = (good, number, len(fields), 1) if row else (0.0, number, 0, 0)
         if long >= _ENOUGH_LINES:
             break
