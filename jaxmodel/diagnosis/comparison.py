@@ -187,8 +187,10 @@ class Comparison:
         """
         test = self._test(*self.compared(model, label), label)
         if test.significant and not test.material:
-            return dataclasses.replace(test, material=self.test(model, label).material)
-        return test
+            test = dataclasses.replace(test, material=self.test(model, label).material)
+        # What is reported is the size in the final model: beside curves its sd may be smaller.
+        own = self._size_sd(self.cache.fit(model), self.cache.space.candidates[label])
+        return dataclasses.replace(test, size_sd=min(test.size_sd, own))
 
     def compared(self, model: Sequence[str], label: str) -> tuple[Fit, Fit]:
         """Return the model with an addition and without it, as `final_test` holds them against each other."""
@@ -216,6 +218,9 @@ class Comparison:
             material = True  # what is significant is all that there was to explain
         elif candidate.is_sensor:
             material = material and self._stands_out(richer, before)
+        elif candidate.runs:
+            # Tables bend to a contact of one run until hardly more is missed: the evidence says which of the two it is.
+            material = material or self._moves(richer, candidate)
         share = 1.0 if exact else self._share_of_bags(richer, before) if gained > odds else 0.0
         shown_by = candidate.effect.shown_by
         unseen = "" if exact or not shown_by or shown_by in self.cache.view.data.by_channel else shown_by
@@ -288,6 +293,18 @@ class Comparison:
                 removed = np.mean(before.errors[rows] ** 2) - np.mean(richer.errors[rows] ** 2)
                 if removed > (SEEN * data.sd[rows][0]) ** 2:
                     return True
+        return False
+
+    def _moves(self, fit: Fit, candidate: Candidate) -> bool:
+        """Return True if a shift of some runs moves a channel by more than its tolerance there."""
+        places = [fit.spec.free.index(place) for place in self.cache.space.layout.of[candidate.label]]
+        x, data = fit.free[places], self.cache.view.data
+        for name, gram in fit.linear.by_channel.items():
+            rows = sum(
+                part.stop - part.start for (one, run), part in data.chains if one == name and run in candidate.runs
+            )
+            if rows and x @ gram.square[np.ix_(places, places)] @ x > rows * self.cache.tolerances[name] ** 2:
+                return True
         return False
 
     def _stands_out(self, richer: Fit, before: Fit) -> bool:
