@@ -2,9 +2,10 @@
 
 A fit simulates a case thousands of times, and rows that are seconds apart tell it little more than the first of them.
 
-Where the inputs are steady (a rest, a constant current, a motor at one voltage) a step takes several rows: it ends
-before a channel has moved by a small share of its range, and may be longer the longer the inputs have been steady. Each
-ends in a reading, so that no part of a run goes unread: the last minutes of a discharge may hold half of the error.
+Where the inputs are steady (a rest, a constant current, a motor at one voltage) a step takes several rows, the more the
+longer the inputs have been steady, and ends in a reading, so that no part of a run goes unread: the last minutes of a
+discharge may hold half of the error. Where a channel moves by more than a small share of its range such a step is
+several, of which the last is read: more readings there would count for more than they do in the error of the run.
 
 Where the inputs change from row to row (a drive cycle), all rows are kept if there are few. Of many, windows are kept:
 half of them spread evenly, the others where the inputs change most (pulses). Between windows an input u with mean m and
@@ -65,17 +66,17 @@ class Steps:
     """Steps in steady stretches.
 
     Attributes:
-        ends: last row of each, which is read.
-        own: those of the ends whose row is a step of its own, after that of the rows before.
+        read: last rows of steps that end in a reading.
+        silent: of the others.
     """
 
-    ends: np.ndarray
-    own: np.ndarray
+    read: np.ndarray
+    silent: np.ndarray
 
     @property
     def count(self) -> int:
         """Return how many steps there are."""
-        return self.ends.size + self.own.size
+        return self.read.size + self.silent.size
 
 
 def thinned(case: Case, settings: Settings) -> Case:
@@ -165,14 +166,10 @@ def _steady(measured: Measured) -> list[tuple[int, int]]:
 
 def _steady_steps(measured: Measured, stretches: Sequence[tuple[int, int]], most: int) -> Steps | None:
     """Return the finest steps in steady stretches of which there are at most so many; None if there are none."""
-    loads = list(_loads(measured).values())
-    channels = [_signal(values) for values in measured.outputs.values()]
-    readings = np.sum([np.isfinite(values) for values in measured.outputs.values()], axis=0)
     found, low, high = None, 0, _FACTORS.size - 1
     while stretches and low <= high:
         middle = (low + high) // 2
-        ends = _ends(measured.time_s, stretches, loads, channels, readings, float(_FACTORS[middle]), most)
-        steps = None if ends is None else Steps(ends, _with_own_row(measured.time_s, stretches, loads, ends))
+        steps = _steps(measured, stretches, float(_FACTORS[middle]), most)
         if steps is not None and steps.count <= most:
             found, high = steps, middle - 1
         else:
@@ -180,63 +177,53 @@ def _steady_steps(measured: Measured, stretches: Sequence[tuple[int, int]], most
     return found
 
 
-def _ends(
-    time_s: np.ndarray,
-    stretches: Sequence[tuple[int, int]],
-    loads: Sequence[Signal],
-    channels: Sequence[Signal],
-    readings: np.ndarray,
-    factor: float,
-    most: int,
-) -> np.ndarray | None:
-    """Return the last row of each step, where a step ends before a load or a channel moves; None if they are too many.
+def _steps(measured: Measured, stretches: Sequence[tuple[int, int]], factor: float, most: int) -> Steps | None:
+    """Return the steps in steady stretches; None if they are too many.
 
     Args:
-        time_s: (rows,) of the run.
+        measured: the run.
         stretches: their first and last rows.
-        loads: of the run.
-        channels: of the run.
-        readings: (rows,) how many channels are read at a row.
         factor: on the length of steps, and on what may move within one.
         most: number of steps.
     """
+    time_s, loads = measured.time_s, list(_loads(measured).values())
+    channels = [_signal(values) for values in measured.outputs.values()]
+    readings = np.sum([np.isfinite(values) for values in measured.outputs.values()], axis=0)
     longest_s = factor * _LONGEST * float(time_s[-1] - time_s[0])
     # By how much each may move within a step, beyond its noise.
     ends_at = [(one.values, factor * _MOVES * one.span + _OF_NOISE * one.noise) for one in channels]
     spans = [(one.values, factor * _MOVES * one.span + 2.0 * _OF_NOISE * one.noise) for one in loads]
-    found: list[int] = []
+    read: list[int] = []
+    silent: list[int] = []
     for begin, end in stretches:
         first = begin - 1
         while first < end:
-            if len(found) >= most:
+            if len(read) + len(silent) >= most:
                 return None
             length_s = min(longest_s, factor * _GROWS * float(time_s[first] - time_s[begin - 1]))
-            last = min(end, max(first + 1, int(np.searchsorted(time_s, time_s[first] + length_s, side="right")) - 1))
-            while last > first + 1 and (
-                any(abs(values[last] - values[first]) > most_off for values, most_off in ends_at)
-                or any(np.ptp(values[first + 1 : last + 1]) > most_off for values, most_off in spans)
-            ):
-                last = first + (last - first) // 2
-            if last > first + 1:  # the last of the rows in which most channels are read
-                of_rows = readings[first + 1 : last + 1]
-                last -= int(np.argmax(of_rows[::-1]))
-            found.append(last)
-            first = last
-    return np.array(found, dtype=int)
+            until = min(end, max(first + 1, int(np.searchsorted(time_s, time_s[first] + length_s, side="right")) - 1))
+            if until > first + 1:  # the last of the rows in which most channels are read
+                until -= int(np.argmax(readings[first + 1 : until + 1][::-1]))
+            while first < until:
+                last = until
+                while last > first + 1 and (
+                    any(abs(values[last] - values[first]) > most_off for values, most_off in ends_at)
+                    or any(np.ptp(values[first + 1 : last + 1]) > most_off for values, most_off in spans)
+                ):
+                    last = first + (last - first) // 2
+                if last < until:
+                    silent.append(last)
+                elif last > first + 1 and not all(_is_mean(load, time_s, first, last) for load in loads):
+                    silent.append(last - 1)  # the reading has a step of its own
+                first = last
+            read.append(until)
+    return Steps(np.array(read, dtype=int), np.array(silent, dtype=int))
 
 
-def _with_own_row(
-    time_s: np.ndarray, stretches: Sequence[tuple[int, int]], loads: Sequence[Signal], ends: np.ndarray
-) -> np.ndarray:
-    """Return those ends of steps at which a load is not that of its step: the last row is a step of its own there."""
-    begins = np.array([first - 1 for first, _ in stretches])
-    before = np.maximum(np.append(0, ends[:-1]), begins[np.searchsorted(begins, ends) - 1])
-    row_s = np.diff(time_s, prepend=time_s[0])
-    own = np.zeros(ends.size, dtype=bool)
-    for load in loads:
-        mean = _sums(load.values * row_s, before, ends) / _sums(row_s, before, ends)
-        own |= np.abs(load.values[ends] - mean) > _ALIKE * load.span
-    return ends[own & (ends - before > 1)]
+def _is_mean(load: Signal, time_s: np.ndarray, first: int, last: int) -> bool:
+    """Return whether a load at a row is its mean over the rows (first, last]."""
+    mean = np.average(load.values[first + 1 : last + 1], weights=np.diff(time_s[first : last + 1]))
+    return bool(abs(load.values[last] - mean) <= _ALIKE * load.span)
 
 
 def _sums(values: np.ndarray, before: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -256,10 +243,10 @@ def _parts(measured: Measured, read: np.ndarray, gaps: np.ndarray, steps: Steps,
         most: steps for rows that are not steady.
     """
     is_end = read.copy()
-    is_end[0] = is_end[steps.ends] = is_end[steps.own - 1] = True
+    is_end[0] = is_end[steps.read] = is_end[steps.silent] = True
     closes = gaps & ~np.append(gaps[1:], False)  # last row of a gap
     ends = np.flatnonzero(is_end | closes)
-    silent = np.isin(ends, steps.own - 1) | closes[ends]
+    silent = np.isin(ends, steps.silent) | closes[ends]
     row_s = np.diff(measured.time_s, prepend=measured.time_s[0])
     before, single = ends[:-1], np.diff(ends) == 1
 
