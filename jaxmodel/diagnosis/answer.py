@@ -108,7 +108,12 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}} for one in possible(diagnosis)
         ],
         "remaining": {
-            channel: {"rms": number(one.rms), "tau_s": number(one.tau_s), "where": list(one.where)}
+            channel: {
+                "rms": number(one.rms),
+                "tau_s": number(one.tau_s),
+                "where": list(one.where),
+                **({"mostly": one.mostly} if one.mostly else {}),
+            }
             for channel, one in diagnosis.remaining.items()
         },
         "extrapolated": [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from jaxmodel.base.units import difference_unit, readable, split_unit
 from jaxmodel.fit.settings import SETTINGS, Settings
 
 
@@ -85,7 +86,7 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
     left = [name for name, one in evidence.channels.items() if _mostly_left(one, settings)]
     if left:
         described = [
-            f"the error of {name} remains at {one.fit:.3g} (noise {one.noise:.2g})"
+            f"the error of {split_unit(name)[0]} remains at {_size(name, one.fit)} (noise {_size(name, one.noise)})"
             for name, one in evidence.channels.items()
             if name in left
         ]
@@ -102,12 +103,19 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
     failing = [name for name, one in evidence.channels.items() if _fails_held_out(one, settings)]
     if failing:
         described = [
-            f"on check runs the error of {name} is {_ratio(evidence.channels[name]):.1f} times that on fit runs"
+            f"on check runs the error of {split_unit(name)[0]} is {_ratio(evidence.channels[name]):.1f} times that on "
+            "fit runs"
             for name in failing
         ]
         where = "; a check run is outside the conditions of the fit runs" if evidence.extrapolates else ""
         return _decision("held out", "; ".join(described) + where)
     return _decision("adequate", None)
+
+
+def _size(channel: str, error: float) -> str:
+    """Return an error of a channel with its unit, as '29.8 mV'."""
+    scale, unit = readable([error], difference_unit(split_unit(channel)[1]))
+    return f"{error * scale:.3g} {unit}".rstrip()
 
 
 def _decision(rule: str, unexplained: str | None) -> Decision:

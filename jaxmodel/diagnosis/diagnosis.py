@@ -27,7 +27,7 @@ from jaxmodel.diagnosis.findings import (
     unknown_sentence,
 )
 from jaxmodel.diagnosis.held_out import confirmed, prediction_sd, worse
-from jaxmodel.diagnosis.residuals.statements import statements
+from jaxmodel.diagnosis.residuals.statements import Account, account
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import (
     ChannelError,
@@ -389,19 +389,20 @@ def _sensors(cache: FitCache) -> dict[str, Sensor]:
     return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in cache.noise.items()}
 
 
+def _accounts(cache: FitCache, left: Sequence[ChannelResiduals]) -> dict[str, Account]:
+    """Return, by channel, the account of where a model with these residuals fails."""
+    capacity = cache.case.parameters.get("capacity_Ah")
+    rated = None if capacity is None else capacity.value
+    return {residuals.channel: account(residuals, capacity_Ah=rated) for residuals in left}
+
+
 def _where(cache: FitCache, left: Sequence[ChannelResiduals]) -> dict[str, tuple[str, ...]]:
     """Return, by channel, sentences on where a model with these residuals fails."""
-    capacity = cache.case.parameters.get("capacity_Ah")
-    return {
-        residuals.channel: tuple(
-            s.text for s in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
-        )
-        for residuals in left
-    }
+    return {name: tuple(s.text for s in one.statements) for name, one in _accounts(cache, left).items()}
 
 
 def _remaining(cache: FitCache, fit: Fit, last: Rung, left: Sequence[ChannelResiduals]) -> dict[str, Remaining]:
-    where = _where(cache, left)
+    accounts = _accounts(cache, left)
     interval = {name: _interval_s(cache, name) for name in cache.noise}
     return {
         name: Remaining(
@@ -409,7 +410,8 @@ def _remaining(cache: FitCache, fit: Fit, last: Rung, left: Sequence[ChannelResi
             interval[name] * (fit.likelihood.channels[name].inflation - 1.0) / 2.0
             if name in fit.likelihood.channels
             else 0.0,
-            where.get(name, ()),
+            tuple(s.text for s in accounts[name].statements) if name in accounts else (),
+            accounts[name].mostly if name in accounts else "",
         )
         for name in cache.noise
     }

@@ -144,11 +144,14 @@ def _errors(diagnosis: Diagnosis) -> str:
 def _too_large(diagnosis: Diagnosis) -> list[str]:
     """Return the quantities whose error is above the tolerance, with the check runs where only these are."""
     above, failing = above_tolerance(diagnosis), failing_runs(diagnosis)
-    names = [split_unit(name)[0] for name in above]
-    for name, runs in failing.items():
+    names = []
+    for name in dict.fromkeys((*above, *failing)):
+        said = split_unit(name)[0]
         if name not in above:
-            where = join(runs) if len(runs) <= _MOST else f"{len(runs)} check runs"
-            names.append(f"{split_unit(name)[0]} in {where}")
+            runs = failing[name]
+            said += f" in {join(runs) if len(runs) <= _MOST else f'{len(runs)} check runs'}"
+        mostly = diagnosis.remaining[name].mostly if name in diagnosis.remaining else ""
+        names.append(f"{said} mostly at {mostly}" if mostly else said)
     return names
 
 

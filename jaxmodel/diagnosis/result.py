@@ -243,11 +243,19 @@ class Immaterial:
 
 @dataclasses.dataclass(frozen=True)
 class Remaining:
-    """The remaining error of one channel: RMS on fit runs, correlation time, and sentences on where it occurs."""
+    """The remaining error of one channel.
+
+    Attributes:
+        rms: on fit runs.
+        tau_s: its correlation time.
+        where: sentences on where it occurs.
+        mostly: the range of a condition that holds most of it, in words; "" for none.
+    """
 
     rms: float
     tau_s: float
     where: tuple[str, ...]
+    mostly: str = ""
 
 
 @dataclasses.dataclass(frozen=True)

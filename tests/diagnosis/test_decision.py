@@ -133,8 +133,8 @@ def test_held_out_runs_fail_beyond_a_factor_and_the_tolerance(changes: dict, fai
 def test_words_say_where_and_how_far():
     result = decide(evidence(channels={"voltage_V": FAILING, "cell_temperature_degC": WELL}, extrapolates=True))
     assert result.unexplained == (
-        "on check runs the error of voltage_V is 3.0 times that on fit runs; a check run is outside the conditions of "
+        "on check runs the error of voltage is 3.0 times that on fit runs; a check run is outside the conditions of "
         "the fit runs"
     )
     left = decide(evidence(channels={"voltage_V": LEFT})).unexplained or ""
-    assert left.startswith("the error of voltage_V remains at 8 (noise 1);")
+    assert left.startswith("the error of voltage remains at 8 V (noise 1 V);")

@@ -243,3 +243,13 @@ def test_models_that_add_nothing_say_what_they_are(certain: Diagnosis) -> None:
     stays = dataclasses.replace(certain.ladder[0], name="as stated")
     assert ladder_names((*certain.ladder[:2], corrected))[2] == "with corrected tables and formulas"
     assert ladder_names((*certain.ladder[:2], stays))[2] == "back to the model as stated"
+
+
+def test_an_error_above_the_tolerance_is_said_with_where_most_of_it_is(certain: Diagnosis) -> None:
+    tight = dataclasses.replace(certain, tolerance=GENEROUS | {"voltage_V": ToleranceUsed(1e-4, None, False)})
+    assert "errors above the tolerance (voltage)" in opening(tight).sure
+    left = dataclasses.replace(tight.remaining["voltage_V"], mostly="SOC below 0.1")
+    located = dataclasses.replace(tight, remaining={**tight.remaining, "voltage_V": left})
+    assert "errors above the tolerance (voltage mostly at SOC below 0.1)" in opening(located).sure
+    assert located.answer()["remaining"]["voltage_V"]["mostly"] == "SOC below 0.1"
+    assert "mostly" not in tight.answer()["remaining"]["voltage_V"]

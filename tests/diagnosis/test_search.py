@@ -238,3 +238,33 @@ def test_a_sensor_that_is_off_may_be_off_in_one_run_alone(monkeypatch: pytest.Mo
     assert (shift,) not in search._rivals(("self_heating",))["self_heating"]
     monkeypatch.setattr(search, "_told", lambda *_: True)
     assert not search._rivals((offset,))[offset]
+
+
+def test_a_shift_of_one_run_counts_by_what_it_moves(monkeypatch: pytest.MonkeyPatch):
+    """Curves may bend to a contact of one run, so that without it hardly more is missed."""
+    label, case = "contact_resistance@run-02", small_cell()
+    second = case.runs[1]
+    current, outputs = second.measured.inputs["current_A"], second.measured.outputs
+    read = outputs | {"voltage_V": outputs["voltage_V"] - 0.03 * current}
+    worn = dataclasses.replace(second, measured=dataclasses.replace(second.measured, outputs=read))
+    search = Search(cache_of(dataclasses.replace(case, runs=(case.runs[0], worn, *case.runs[2:])), *SMALL_KEPT, label))
+    fit, candidate = search.cache.fit((label,)), search.cache.space.candidates[label]
+    found = candidate.coordinates[0].number(fit.x[search.cache.space.layout.of[label][0]])
+    assert found == pytest.approx(0.03, abs=0.02)
+    moves_V = found * float(np.sqrt(np.mean(current**2)))
+    for share, moved in ((0.7, True), (1.4, False)):
+        limits = {"voltage_V": share * moves_V, "cell_temperature_degC": 1.0}
+        monkeypatch.setitem(vars(search.cache), "tolerances", limits)
+        assert search._moves(fit, candidate) == moved
+
+
+def test_the_size_of_a_name_is_that_of_the_final_model(monkeypatch: pytest.MonkeyPatch):
+    search = Search(cache_of(small_cell({"self_heating": {"C_th": 60.0, "hA": 0.1}}), "self_heating"))
+    monkeypatch.setattr(search, "_test", lambda *_: SIGNIFICANT)
+    sizes = iter((1.2, 20.0))
+    monkeypatch.setattr(search, "_size_sd", lambda *_: next(sizes))
+    small, large = (search.final_test(("self_heating",), "self_heating") for _ in range(2))
+    assert not small.named
+    assert small.why_not() == "its size is 1.2 sd from nothing"
+    assert large.named
+    assert large.size_sd == SIGNIFICANT.size_sd

@@ -6,6 +6,8 @@ the end of a discharge, the error has no one mean; that it is there, and hardly 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from jaxmodel.diagnosis.residuals import wording
@@ -19,8 +21,23 @@ MOST_SQUARES, LITTLE_TIME, TIMES = 0.5, 0.2, 4.0
 _SEEN, _OF_RUNS, _COVERS = 2.0, 2.0 / 3.0, 0.03
 
 
-def concentration(view: View, of: float) -> Statement | None:
-    """Return the statement on the range that holds most of the squares; None if none does.
+@dataclass(frozen=True)
+class Concentration:
+    """A range that holds most of an error.
+
+    Attributes:
+        where: the range in words.
+        statement: on the error there and elsewhere.
+        over: what it has more of the squares than of the time.
+    """
+
+    where: str
+    statement: Statement
+    over: float
+
+
+def concentration(view: View, of: float) -> Concentration | None:
+    """Return the range that holds most of the squares; None if none does.
 
     Args:
         view: what is not explained.
@@ -32,12 +49,11 @@ def concentration(view: View, of: float) -> Statement | None:
     with_clock = [name for name, same in regimes(view.residuals).alias_of.items() if same == "time_s"]
     cuts = [*view.cuts.values(), *(cut(view.residuals, name) for name in with_clock)]
     found = [one for bins in cuts if (one := _range(view, bins, of)) is not None]
-    best = max(found, key=lambda one: one[0], default=None)
-    return None if best is None else best[1]
+    return max(found, key=lambda one: one.over, default=None)
 
 
-def _range(view: View, bins: Bins, of: float) -> tuple[float, Statement] | None:
-    """Return what a range of adjacent bins has more of the squares than of the time, and the statement on it."""
+def _range(view: View, bins: Bins, of: float) -> Concentration | None:
+    """Return the range of adjacent bins that has most more of the squares than of the time."""
     r = view.residuals
     seconds = np.bincount(bins.code, r.weight_s, minlength=bins.count)
     squares = np.bincount(bins.code, r.weight_s * r.error**2, minlength=bins.count)
@@ -65,8 +81,9 @@ def _range(view: View, bins: Bins, of: float) -> tuple[float, Statement] | None:
         return None
     texts, unit = wording.numbers([inside, outside], r.unit)
     within = r.tolerance is not None and outside <= r.tolerance < np.sqrt(r.mean_square)
+    where = wording.within(bins, first, last)
     text = wording.sentence(
-        wording.within(bins, first, last),
+        where,
         f"the RMS error is {texts[0]} {unit} ({in_runs(seen, present, len(r.runs))}); elsewhere it is {texts[1]} {unit}"
         f"{', within the tolerance' if within else ''}.",
     )
@@ -83,7 +100,7 @@ def _range(view: View, bins: Bins, of: float) -> tuple[float, Statement] | None:
         unit=r.unit,
         runs_seen=seen,
     )
-    return over, statement
+    return Concentration(where, statement, over)
 
 
 def _size(view: View, rows: Bools) -> float:

@@ -35,10 +35,12 @@ class Account:
     Attributes:
         statements: the one that explains most first; none if nothing is significant.
         left: the residuals minus the explained part.
+        mostly: the range that holds most of what is not explained, in words; "" for none.
     """
 
     statements: tuple[Statement, ...]
     left: ChannelResiduals
+    mostly: str = ""
 
 
 def statements(
@@ -79,7 +81,9 @@ def account(residuals: ChannelResiduals, *, capacity_Ah: float | None = None, mo
     left = residuals.less(explained)
     # Where most of the error is has been said if it is explained.
     concentrated = concentration(view_of(left, capacity_Ah, CHANCE), of=residuals.mean_square)
-    return Account((*([concentrated] if concentrated else []), *said)[:most], left)
+    if concentrated is None:
+        return Account(tuple(said), left)
+    return Account((concentrated.statement, *said)[:most], left, concentrated.where)
 
 
 def _explanations(view: View) -> Iterator[Explanation]:
