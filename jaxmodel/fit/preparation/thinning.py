@@ -35,13 +35,17 @@ _IN_WINDOWS = 0.7
 _SHRINKS = 0.25
 # Rows from which inputs that do not change are steady.
 _STEADY_ROWS = 20
-# An input changes where it differs from the row before by this share of its range, and its noise.
+# An input changes where it differs from the row before by this share of its range, beside the most that is noise: so
+# many sd, of at most a share of its range.
 _CHANGE, _OF_NOISE, _MOST_NOISE = 0.02, 5.0, 0.01
 # Steps of steady inputs: the share of its range by which a channel may move in one; the length as a share of the time
-# for which the inputs have been steady, and of the run. Times a factor, the least that gives few enough steps.
+# for which the inputs have been steady, and of the run. Times a factor, the least that gives few enough steps; beyond 5
+# a step is no longer a small part of what it follows.
 _MOVES, _GROWS, _LONGEST = 0.005, 0.1, 1.0 / 500.0
-_FACTORS = 1.3 ** np.arange(-16, 17)
+_FACTORS = 1.3 ** np.arange(-16, 7)
 _ABOUT = 1.1  # of the steps asked for: as near as is sought
+# Share of its range over which an input may vary within a step, beyond its noise: a ramp is not steady.
+_HELD = 0.002
 # Share of its range by which the input of a reading may differ from that of the step that ends in it.
 _ALIKE = 0.001
 
@@ -51,14 +55,22 @@ class Signal:
     """A load or a channel of a run.
 
     Attributes:
-        values: (rows,).
+        values: (rows,) without gaps.
         span: largest minus smallest value.
-        noise: from row to row, as an sd.
+        read: (rows,) True where it was read.
+        held: share of its span over which it may vary within a step, beyond its noise.
     """
 
     values: np.ndarray
     span: float
-    noise: float
+    read: np.ndarray
+    held: float = 0.0
+
+    def noise(self, first: int, last: int) -> float:
+        """Return the sd from reading to reading within some rows."""
+        rows = slice(first, last + 1)
+        differences = np.diff(self.values[rows][self.read[rows]], 2)
+        return float(np.median(np.abs(differences))) / (0.6745 * np.sqrt(6.0)) if differences.size else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,21 +147,25 @@ def _restless(rows: int, stretches: Sequence[tuple[int, int]]) -> np.ndarray:
     return found
 
 
-def _signal(values: np.ndarray) -> Signal:
-    """Return a load or channel, held over rows without a reading."""
-    there = np.isfinite(values)
-    held = values[np.maximum.accumulate(np.where(there, np.arange(values.size), 0))] if not there.all() else values
-    read = values[there]
-    if read.size < 3:
-        return Signal(held, 0.0, 0.0)
-    span = float(np.ptp(read))
-    noise = float(np.median(np.abs(np.diff(read, 2)))) / (0.6745 * np.sqrt(6.0))
-    return Signal(held, span, min(noise, _MOST_NOISE * span))
+def _signal(values: np.ndarray, held: float = 0.0) -> Signal:
+    """Return a load or channel, without gaps."""
+    read = np.isfinite(values)
+    if not read.any():
+        return Signal(np.zeros(values.size), 0.0, read, held)
+    filled = values[np.maximum.accumulate(np.where(read, np.arange(values.size), np.argmax(read)))]
+    return Signal(filled, float(np.ptp(filled)), read, held)
 
 
 def _loads(measured: Measured) -> dict[str, Signal]:
-    """Return the inputs but for temperatures, which act slowly, and where they change hardly count."""
-    return {name: _signal(values) for name, values in measured.inputs.items() if not name.endswith("degC")}
+    """Return the inputs but for temperatures, which act slowly, and where they change hardly count.
+
+    What a controller follows counts by how far it is from what is reached: it must not vary at all.
+    """
+    return {
+        name: _signal(values, 0.0 if name.startswith("reference_") else _HELD)
+        for name, values in measured.inputs.items()
+        if not name.endswith("degC")
+    }
 
 
 def _steady(measured: Measured) -> list[tuple[int, int]]:
@@ -157,7 +173,8 @@ def _steady(measured: Measured) -> list[tuple[int, int]]:
     changes = np.zeros(measured.time_s.size, dtype=bool)
     changes[:2] = True
     for load in _loads(measured).values():
-        changes[1:] |= np.abs(np.diff(load.values)) > _CHANGE * load.span + _OF_NOISE * load.noise
+        least = _CHANGE + _OF_NOISE * _MOST_NOISE if load.held else 0.0
+        changes[1:] |= np.abs(np.diff(load.values)) > least * load.span
     begins = np.flatnonzero(changes)
     ends = np.append(begins[1:], changes.size)
     long = ends - begins >= _STEADY_ROWS
@@ -190,13 +207,16 @@ def _steps(measured: Measured, stretches: Sequence[tuple[int, int]], factor: flo
     channels = [_signal(values) for values in measured.outputs.values()]
     readings = np.sum([np.isfinite(values) for values in measured.outputs.values()], axis=0)
     longest_s = factor * _LONGEST * float(time_s[-1] - time_s[0])
-    # By how much each may move within a step, beyond its noise.
-    ends_at = [(one.values, factor * _MOVES * one.span + _OF_NOISE * one.noise) for one in channels]
-    spans = [(one.values, factor * _MOVES * one.span + 2.0 * _OF_NOISE * one.noise) for one in loads]
     read: list[int] = []
     silent: list[int] = []
     for begin, end in stretches:
         first = begin - 1
+        # By how much each may move within a step, beyond its noise.
+        ends_at = [(x.values, factor * _MOVES * x.span + _OF_NOISE * x.noise(begin, end)) for x in channels]
+        spans = [
+            (x.values, x.held * x.span + 2.0 * _OF_NOISE * min(x.noise(begin, end), _MOST_NOISE * x.span))
+            for x in loads
+        ]
         while first < end:
             if len(read) + len(silent) >= most:
                 return None

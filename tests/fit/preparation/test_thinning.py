@@ -162,3 +162,20 @@ def test_rows_that_never_rest_are_in_windows():
     read_s = few.time_s[np.isfinite(few.outputs["voltage_V"])]
     share = np.mean(restless[read_s.astype(int)])
     assert 0.3 < share < 0.8  # by their share of the time, 0.6
+
+
+def test_what_a_controller_follows_is_steady_only_where_it_stands_still():
+    """A controller acts on how far the reference is from what is reached: its mean over a step is another input."""
+    time = np.arange(12_000) * 1e-3
+    reference = np.where(time < 6.0, 3.0 * np.sin(time), 3.0 * np.sin(6.0))
+    measured = Measured(
+        time,
+        {"reference_position_rad": reference, "ambient_degC": np.full(time.size, 20.0)},
+        {"position_rad": reference},
+    )
+    few = thinned_rows(measured, 3000)
+    read = np.flatnonzero(np.isfinite(few.outputs["position_rad"]))[1:]
+    step_s = np.diff(few.time_s)[read - 1]
+    moving = few.time_s[read] < 6.0
+    assert np.mean(step_s[moving] < 1.5e-3) > 0.9, "windows of all rows"
+    assert np.mean(step_s[~moving] > 1.5e-3) > 0.5, "steps of several rows"
