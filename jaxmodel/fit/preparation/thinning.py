@@ -40,7 +40,7 @@ _STEADY_ROWS = 20
 _CHANGE, _OF_NOISE, _MOST_NOISE = 0.02, 5.0, 0.01
 # Steps of steady inputs: the share of its range by which a channel may move in one; the length as a share of the time
 # for which the inputs have been steady, and of the run. Times a factor, the least that gives few enough steps; beyond 5
-# a step is no longer a small part of what it follows.
+# a step is no longer a small part of what it follows. Runs keep readings as they have rows: each counts in an error.
 _MOVES, _GROWS, _LONGEST = 0.005, 0.1, 1.0 / 500.0
 _FACTORS = 1.3 ** np.arange(-16, 7)
 _ABOUT = 1.1  # of the steps asked for: as near as is sought
@@ -161,10 +161,12 @@ def _loads(measured: Measured) -> dict[str, Signal]:
 
     What a controller follows counts by how far it is from what is reached: it must not vary at all.
     """
+    loads = {name: values for name, values in measured.inputs.items() if not name.endswith("degC")}
+    found = {name: _signal(values, 0.0 if name.startswith("reference_") else _HELD) for name, values in loads.items()}
+    # A current that is the same all along varies by its noise alone.
     return {
-        name: _signal(values, 0.0 if name.startswith("reference_") else _HELD)
-        for name, values in measured.inputs.items()
-        if not name.endswith("degC")
+        name: dataclasses.replace(one, span=max(one.span, float(np.abs(one.values).max())))
+        for name, one in found.items()
     }
 
 
