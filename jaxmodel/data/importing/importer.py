@@ -23,7 +23,7 @@ from jaxmodel.data.importing.conditions import Condition, ambients_of, condition
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
-from jaxmodel.data.importing.headers import of_siblings
+from jaxmodel.data.importing.headers import by_most, of_siblings
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import copies, joined
 from jaxmodel.data.importing.limits import by_limits
@@ -155,6 +155,12 @@ def _read(
             if len(readings) == 1:
                 raise
             found.append(Finding("file left out", file_label(path), f"{error} It is left out.", "warning"))
+    for path, beside in by_most(logs).items():
+        stated = listed[path.name].inputs if path.name in listed else {}
+        again = load(path, kind, options, ask, stated, beside=beside)
+        first = next(place for place, log in enumerate(logs) if log.source == path)
+        logs = [log for log in logs if log.source != path]
+        logs[first:first] = again
     if not logs:
         reason = next((one.sentence for one in found if isinstance(one, Finding)), "")
         raise MeasurementError(reason.removesuffix(" It is left out.") or "No file holds readings; name the logs.")

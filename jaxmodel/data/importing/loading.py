@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ FORM = ("sheet", "encoding", "delimiter", "decimal")
 _SAMPLE_ROWS = 2000
 _CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
+BY_LOOKS = "column by its looks"  # what is found of a column that its readings told
 _COUNTS = 20.0  # from which on whole numbers are seldom the torque of a small motor in N m (assumed)
 _ABSOLUTE_ZERO_DEGC = -273.15
 _SENSED = (
@@ -57,6 +59,7 @@ _WHY = {
     "only one in its unit": "the only column in its unit",
     "stated": "stated",
     "looks like it": "by its readings",
+    "beside": "as in the files beside it",
     OF_A_UNIT: "its name is a unit",
     ONLY_WARM: "the only column in a unit of temperature",
     OF_CELLS: "of the columns of single cells",
@@ -78,6 +81,7 @@ def load(
     ask: Ask | None = None,
     elsewhere: Collection[str] = (),
     names: Sequence[str] = (),
+    beside: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Log]:
     """Read a file in the columns and units of a case: a log for each of its tables.
 
@@ -88,6 +92,7 @@ def load(
         ask: answers which column is meant where none is found.
         elsewhere: columns of the case that a list of files states.
         names: of the columns of a file without a line of names.
+        beside: by column of the case, the column that files beside it have there by their readings.
 
     Raises:
         NotALog: none of its columns is one of the case; the sentence lists them.
@@ -123,7 +128,7 @@ def load(
         return _of_specimens(motors, kind, options, ask, elsewhere)
     if options.each_cell:
         return _of_specimens(by_cell(table, options), kind, options, ask, elsewhere)
-    return _logs(table, kind, options, ask, elsewhere, in_order, form)
+    return _logs(table, kind, options, ask, elsewhere, in_order, form, beside)
 
 
 def _of_specimens(
@@ -185,6 +190,7 @@ def _logs(
     elsewhere: Collection[str],
     in_order: Sequence[str] = (),
     form: Mapping[str, Any] | None = None,
+    beside: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Log]:
     """Return the logs of a table: as `load`.
 
@@ -196,6 +202,7 @@ def _logs(
         elsewhere: columns of the case that a list of files states.
         in_order: all columns of the file, those that were not read too.
         form: how the file was read, to read all of it.
+        beside: as `load`.
     """
     path = table.source
     table, kept = computed(table, options)
@@ -210,7 +217,7 @@ def _logs(
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in {*named, *table.plain, table.key}]
-        chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking)
+        chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking, beside)
     chosen, of_names, unsure = with_bare_temperatures(table, chosen, kind, options.columns)
     units = of_names | units
     table, chosen, of_cells = with_single_cells(table, chosen, kind, options)
@@ -419,7 +426,7 @@ def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
             f"{where}: no column is called {role.target}, and the readings of '{role.column}' look like it. "
             "State it with --column."
         )
-        about.append(Finding("column by its looks", where, sentence, "warning", role.target))
+        about.append(Finding(BY_LOOKS, where, sentence, "warning", role.target))
     if role.others:
         others = ", ".join(role.others[:6])
         sentence = f"{where}: {role.target} is column '{role.column}'; it could also be {others} (--column)."

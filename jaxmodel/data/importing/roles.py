@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -98,7 +99,7 @@ class Role:
     Attributes:
         target: the column of the case, or a key of `MARKS`.
         column: its name in the file.
-        why: "named", "like it in name", "only one in its unit", "stated" or "looks like it".
+        why: "named", "like it in name", "only one in its unit", "stated", "looks like it" or "beside".
         others: further columns of the file that could be it as well.
         commanded: the name says that it is set, and not measured.
     """
@@ -214,8 +215,12 @@ def _take_by_unit(
 
 
 def looks_like(
-    frame: pd.DataFrame, units: Mapping[str, str], kind: str, missing: Sequence[str]
-) -> dict[str, Role]:  # fmt: skip
+    frame: pd.DataFrame,
+    units: Mapping[str, str],
+    kind: str,
+    missing: Sequence[str],
+    beside: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, Role]:
     """Return what columns look like, for those columns of a case that no name tells; only a cell's and the time.
 
     A name that says another quantity is believed, and so is a unit.
@@ -225,6 +230,7 @@ def looks_like(
         units: by column, as the file states them.
         kind: of the case.
         missing: columns of the case, or `time_s`, that are sought.
+        beside: by column of the case, the column that it is in files beside this one, which have no names either.
     """
     found: dict[str, Role] = {}
     silent = [str(name) for name in frame if not says_another(str(name)) and not is_set(str(name))]
@@ -247,7 +253,10 @@ def looks_like(
         return found
     for target, test in (("voltage_V", _is_voltage), ("current_A", _is_current), ("cell_temperature_degC", is_warmth)):
         fitting = [name for name, values in numbers.items() if target in missing and test(values)]
-        if fitting:
+        if target in missing and beside.get(target) in numbers:
+            found[target] = Role(target, beside[target], "beside")
+            del numbers[beside[target]]
+        elif fitting:
             found[target] = Role(target, fitting[0], "looks like it", tuple(fitting[1:]))
             del numbers[fitting[0]]
     return found

@@ -76,3 +76,21 @@ def test_parts_of_a_clock_that_goes_back_to_a_mark_follow_each_other(tmp_path: P
     np.testing.assert_allclose(run.log.columns["voltage_V"], log.voltage_V)
     assert np.all(np.diff(run.log.time_s) > 0.0)
     assert run.log.time_s[-1] == pytest.approx(log.time_s.iloc[-1], rel=0.01)
+
+
+def test_files_without_names_have_their_columns_where_most_have_them(tmp_path: Path):
+    """A strain goes through zero, as a current does; in one file the current itself has no row of rest."""
+    rng = np.random.default_rng(0)
+    for number, rested in enumerate((True, True, False)):
+        time, rate = np.arange(200.0), 3.0 * (number + 1)
+        current = np.full(200, rate) + 0.01 * rng.standard_normal(200)
+        current[: 8 * rested] = 0.0
+        voltage = 4.1 - 0.03 * current - 0.002 * time
+        strain = 1e-4 * np.linspace(-1.0, 2.0, 200) + 1e-6 * rng.standard_normal(200)
+        rows = np.stack([time, current, voltage, strain], axis=1)
+        np.savetxt(tmp_path / f"run_{number}.csv", rows, delimiter=",", fmt="%.6g")
+    imported = import_case(sorted(tmp_path.glob("*.csv")), "cell", ambient=22.0, capacity_Ah=3.0)
+    for number, run in enumerate(imported.runs):
+        assert np.median(run.log.columns["current_A"]) == pytest.approx(3.0 * (number + 1), rel=0.01)
+    why = {one.where: one.why for one in imported.decisions if one.about == "current_A"}
+    assert why[f"{tmp_path.name}/run_2.csv"] == "as in the files beside it"
