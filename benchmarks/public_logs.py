@@ -88,6 +88,7 @@ def _of_answer(answer: Mapping[str, Any]) -> dict[str, Any]:
         }
     return {
         "verdict": answer["verdict"],
+        "title": answer["title"],
         "effects": [effect["name"] for effect in answer["effects"]],
         "curves": [f"{curve['port']} over {curve['over']}" for curve in answer["curves"]],
         "errors": errors,
@@ -160,7 +161,7 @@ def _quoted(word: str) -> str:
 def _outcome(result: Mapping[str, Any]) -> str:
     if "verdict" not in result:
         return f"stops: {result['said']}"
-    words, effects = VERDICT_TITLES[result["verdict"]], _names(result["effects"])
+    words, effects = result.get("title") or VERDICT_TITLES[result["verdict"]], _names(result["effects"])
     if effects:
         words += f": {effects}" if result["verdict"] in ("missing_effect", "sensor_fault") else f"; named: {effects}"
     return words + (f"; corrected: {_names(result['curves'])}" if result["curves"] else "")

@@ -21,6 +21,7 @@ from jaxmodel.base.version import __version__
 from jaxmodel.case.records import Case, Run
 from jaxmodel.diagnosis.headline import possible, undetectable
 from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Removed
+from jaxmodel.diagnosis.wording import verdict_title
 
 ANSWER, HISTORY = "answer.json", "history"
 
@@ -39,6 +40,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     before, after = diagnosis.base.errors, diagnosis.final.errors
     return {
         "verdict": diagnosis.verdict,
+        "title": verdict_title(diagnosis),
         "effects": [
             {
                 "name": effect.name,

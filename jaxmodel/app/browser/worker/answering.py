@@ -47,7 +47,7 @@ def _listed(name: str, answer: dict[str, Any]) -> dict[str, Any]:
         "name": name,
         "case": made_from["title"],
         "made": made_from["made"],
-        "verdict": VERDICT_TITLES[answer["verdict"]],
+        "verdict": answer.get("title") or VERDICT_TITLES[answer["verdict"]],
         "named": [_words(label) for label, (band, _) in found.items() if band == "named"],
         "possible": [_words(label) for label, (band, _) in found.items() if band == "possible"],
     }
