@@ -20,6 +20,7 @@ from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.candidates import SHIFTED
 from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import at_once
+from jaxmodel.fit.likelihood import Likelihood
 from jaxmodel.fit.scores import Gain
 from jaxmodel.fit.screen import SINGLE
 
@@ -38,6 +39,8 @@ FAR_LESS = 0.5
 NOT_TOLD = 3.0
 # What is fitted in the place of an addition, the best by score. Assumed.
 MOST_IN_PLACE = 2
+# Correlation of the derivatives of two from which one does the same as the other. Assumed.
+SAME = 0.98
 # Groups of which one may stand in the place of another.
 ALIKE = ("effect", "sensor", "specimen")
 # Effects that are tried with another beside them, where none alone has enough evidence. Assumed.
@@ -456,15 +459,31 @@ class Search(Comparison):
         What is wrong with a sensor in all runs may be so in one of them alone.
         """
         cache, found = self.cache, {}
+        own = cache.fit(model)
         for label in [one for one in model if cache.space.candidates[one].group in ALIKE]:
             lacking, near = self._in_place_of(model, label)
             if cache.space.candidates[label].is_sensor:
                 near += self._in_place_of(model, label, ("run",))[1]
             near = [one for one in near if not self._says_the_same(one, label)]
-            own = cache.fit(model)
             others = [cache.fit((*lacking, one)) for one in near]
-            found[label] = tuple(one.added for one in others if not self._told(own, one))
+            same = [cache.in_place(own, label, one) for one in self._same_as(own, label)]
+            untold = [one.added for one in others if not self._told(own, one)]
+            untold += [one.added for one in same if not self._tells(own, one, _nearer(own, one))]
+            found[label] = tuple(dict.fromkeys(untold))
         return found
+
+    def _same_as(self, fit: Fit, label: str) -> list[str]:
+        """Return the candidates that do the same as an addition of a model: an offset of the current is like a leak."""
+        cache, (place, *_) = self.cache, self.cache.space.layout.of[label]
+        alike = cache.scores(fit.added).resembling(fit.spec.free.index(place))
+        return [
+            one
+            for one, correlation in alike.items()
+            if correlation > SAME
+            and cache.space.candidates[one].group in ALIKE
+            and not self._says_the_same(one, label)
+            and self.may_enter([other for other in fit.added if other != label], one)
+        ][:MOST_IN_PLACE]
 
     def _says_the_same(self, one: str, other: str) -> bool:
         """Return True for the same difference of either of two specimens: one has more where the other has less."""
@@ -474,10 +493,20 @@ class Search(Comparison):
 
     def _told(self, own: Fit, other: Fit) -> bool:
         """Return True if the data tell a model from another, as they are or beside curves of no table."""
+        if self._tells(own, other) or self.is_exact(own):
+            return self._tells(own, other)
+        return self._tells(self.cache.fit(own.added, "beside"), self.cache.fit(other.added, "beside"))
 
-        def tells(one: Fit, another: Fit) -> bool:
-            return self.evidence(one, one.likelihood) - self.evidence(another, one.likelihood) >= NOT_TOLD
+    def _tells(self, own: Fit, other: Fit, weights: Likelihood | None = None) -> bool:
+        """Return True if the data tell a model from another under some weights, its own if none are given."""
+        weights = weights or own.likelihood
+        return self.evidence(own, weights) - self.evidence(other, weights) >= NOT_TOLD
 
-        if tells(own, other) or self.is_exact(own):
-            return tells(own, other)
-        return tells(self.cache.fit(own.added, "beside"), self.cache.fit(other.added, "beside"))
+
+def _nearer(one: Fit, other: Fit) -> Likelihood:
+    """Return the weights of the model that leaves less: under those of the other nothing is told."""
+
+    def weight(fit: Fit) -> float:
+        return sum(channel.count * np.log(channel.root) for channel in fit.likelihood.channels.values())
+
+    return max((one, other), key=weight).likelihood

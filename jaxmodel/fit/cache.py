@@ -245,6 +245,22 @@ class FitCache:
             self._points[key, last, curves] = self._best_start(key, last, curves)
         return self._points[key, last, curves]
 
+    def in_place(self, fit: Fit, label: str, other: str) -> Fit:
+        """Return a model with one of its additions exchanged for another, from where the model is.
+
+        Where two do the same, both must be held against each other at the same optimum of the rest.
+        """
+        labels = [one for one in fit.spec.labels if one != label]
+        spec = self.space.spec((*labels, other), fit.spec.amplitudes, fit.spec.spreads)
+        places, points = list(self.space.layout.of[other]), []
+        for probe in self.space.candidates[other].probes:
+            x = fit.x.copy()
+            x[list(self.space.layout.of[label])] = 0.0
+            x[places] = probe
+            points.append(descend(self.view, spec, fit.likelihood, x, steps=STEPS, flat=0.5))
+        best = min(points, key=lambda one: one.objective)
+        return calibrate(self.view, spec, best.x, self.tolerances, fit.likelihood)
+
     def _with_more_curves(self, labels: Labels, curves: Labels) -> Fit:
         """Return a model with curves of no table too, from where it is without them and from the stated numbers."""
         before = self.fit(labels)

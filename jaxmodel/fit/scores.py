@@ -279,6 +279,31 @@ class Scores:
             found[way.label] = max(gained, found.get(way.label, -np.inf))
         return found
 
+    def resembling(self, column: int) -> dict[str, float]:
+        """Return how alike each single candidate is to one of the model's unknowns, the most alike first.
+
+        That is the correlation of their derivatives, without what the other unknowns can do: at 1 the one does all that
+        the other does.
+
+        Args:
+            column: of the model's free unknowns.
+        """
+        kept = [number for number in range(self.count) if number != column]
+        singles = [
+            (way.label, place.start)
+            for way, place in zip(self.directions, self.places, strict=True)
+            if not self.candidates[way.label].is_vector
+        ]
+        places = [column, *(place for _, place in singles)]
+        own, across = self.gram[np.ix_(kept, kept)], self.gram[np.ix_(kept, places)]
+        inner = self.gram[np.ix_(places, places)] - across.T @ _solved(own, self.precision[kept], across)
+        length = np.sqrt(np.maximum(np.diag(inner), 0.0))
+        found: dict[str, float] = {}
+        for (label, place), product, size in zip(singles, inner[0, 1:], length[1:], strict=True):
+            if size > ABSORBED * np.sqrt(self.gram[place, place]) and length[0] > 0.0:
+                found[label] = max(float(abs(product)) / float(size * length[0]), found.get(label, 0.0))
+        return dict(sorted(found.items(), key=lambda one: -one[1]))
+
     def left_with(self, label: str) -> np.ndarray | None:
         """Return the raw errors (readings,) that the model would leave with one candidate, to first order.
 

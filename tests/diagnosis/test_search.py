@@ -11,6 +11,7 @@ import pytest
 
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis import comparison, held_out
+from jaxmodel.diagnosis import search as search_module
 from jaxmodel.diagnosis.held_out import _in_vain, confirmed
 from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.diagnosis.rungs import rung
@@ -268,3 +269,23 @@ def test_the_size_of_a_name_is_that_of_the_final_model(monkeypatch: pytest.Monke
     assert small.why_not() == "its size is 1.2 sd from nothing"
     assert large.named
     assert large.size_sd == SIGNIFICANT.size_sd
+
+
+def test_what_does_the_same_is_a_rival_where_the_model_is(monkeypatch: pytest.MonkeyPatch):
+    """A leak is like an offset of the current, and no score shows it: a leak has no place at which it is nothing."""
+    label, other = "self_discharge", "current_offset:current_A"
+    search = Search(cache_of(small_cell({"self_discharge": {"R_self": 30.0}}, 3), label, "current_offset"))
+    own = search.cache.fit((label,))
+    place = own.spec.free.index(search.cache.space.layout.of[label][0])
+    assert search.cache.scores((label,)).resembling(place)[other] == pytest.approx(0.61, abs=0.05)
+    assert search._same_as(own, label) == []
+    monkeypatch.setattr(search_module, "SAME", 0.5)
+    assert search._same_as(own, label) == [other]
+    assert search._rivals((label,))[label] == (), "the resistance tells them apart"
+    monkeypatch.setattr(search_module, "NOT_TOLD", np.inf)
+    assert search._rivals((label,))[label] == ((other,),)
+    exchanged = search.cache.in_place(own, label, other)
+    assert exchanged.added == (other,)
+    assert exchanged.x[search.cache.space.layout.of[label][0]] == 0.0
+    mean_V = [np.sqrt(one.mean_squares(search.cache.view)["voltage_V"]) for one in (own, exchanged)]
+    assert mean_V[0] < mean_V[1] < 5.0 * mean_V[0], "near the optimum of the rest"
