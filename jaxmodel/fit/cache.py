@@ -252,14 +252,26 @@ class FitCache:
         """
         labels = [one for one in fit.spec.labels if one != label]
         spec = self.space.spec((*labels, other), fit.spec.amplitudes, fit.spec.spreads)
-        places, points = list(self.space.layout.of[other]), []
-        for probe in self.space.candidates[other].probes:
-            x = fit.x.copy()
-            x[list(self.space.layout.of[label])] = 0.0
-            x[places] = probe
-            points.append(descend(self.view, spec, fit.likelihood, x, steps=STEPS, flat=0.5))
-        best = min(points, key=lambda one: one.objective)
-        return calibrate(self.view, spec, best.x, self.tolerances, fit.likelihood)
+        without = fit.x.copy()
+        without[list(self.space.layout.of[label])] = 0.0
+        start = self.with_probe(spec, fit.likelihood, without, other)
+        return calibrate(self.view, spec, start, self.tolerances, fit.likelihood)
+
+    def with_probe(self, spec: ModelSpec, weights: Likelihood, x: np.ndarray, label: str) -> np.ndarray:
+        """Return where the calibration of a model with one more addition may begin, (unknowns,).
+
+        Args:
+            spec: the model.
+            weights: of its errors.
+            x: (unknowns,) coordinates without the addition.
+            label: of the addition, whose probe is the one that leaves least after some steps.
+        """
+        places, points = list(self.space.layout.of[label]), []
+        for probe in self.space.candidates[label].probes:
+            at = x.copy()
+            at[places] = probe
+            points.append(descend(self.view, spec, weights, at, steps=STEPS, flat=0.5))
+        return min(points, key=lambda one: one.objective).x
 
     def _with_more_curves(self, labels: Labels, curves: Labels) -> Fit:
         """Return a model with curves of no table too, from where it is without them and from the stated numbers."""

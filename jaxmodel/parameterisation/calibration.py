@@ -11,10 +11,10 @@ import numpy as np
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Case
 from jaxmodel.fit.cache import FitCache
-from jaxmodel.fit.estimate import STEPS, Fit, calibrate, evidence, mean_squares
+from jaxmodel.fit.estimate import Fit, calibrate, evidence, mean_squares
 from jaxmodel.fit.estimates import Estimate, curves_of, estimates_of
 from jaxmodel.fit.fitted_case import FittedNumbers, fitted_case
-from jaxmodel.fit.gauss_newton import descend, errors_at
+from jaxmodel.fit.gauss_newton import errors_at
 from jaxmodel.parameterisation.thermal_start import bounded
 
 # Which tables a scale multiplies.
@@ -133,13 +133,8 @@ def _with_kinetics(cache: FitCache, before: Fit, label: str, held: Collection[st
     """
     space = cache.space
     spec = space.spec((*before.spec.labels, label), before.spec.amplitudes, before.spec.spreads)
-    places, points = list(space.layout.of[label]), []
-    for probe in space.candidates[label].probes:
-        x = before.x.copy()
-        x[places] = probe
-        points.append(descend(cache.view, spec, before.likelihood, x, steps=STEPS, flat=0.5))
-    best = min(points, key=lambda one: one.objective)
-    richer = calibrate(cache.view, spec, best.x, cache.tolerances, before.likelihood, held=held)
+    start = cache.with_probe(spec, before.likelihood, before.x, label)
+    richer = calibrate(cache.view, spec, start, cache.tolerances, before.likelihood, held=held)
     weights = (before.likelihood, richer.likelihood)
     gains = [evidence(cache.view, richer, one) - evidence(cache.view, before, one) for one in weights]
     return richer if min(gains) > ODDS else before
