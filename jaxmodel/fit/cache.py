@@ -41,6 +41,8 @@ GIVEN_UP = 1.1
 # calibrated from the weights of noise, where those would leave at most this share of what is above it: half the error.
 # Assumed.
 SLOW, QUIET, LEFT = 10.0, 1.15, 0.25
+# Models whose scores are kept: they hold the derivatives of all readings by all candidates.
+SCORED = 4
 # Random points from which the first fit may start, where the stated model stands still. Assumed.
 _RANDOM_STARTS = 15
 
@@ -418,14 +420,15 @@ class FitCache:
         return self._scores_of(self.space.key(labels))[1]
 
     def _scores_of(self, key: Labels) -> tuple[Scores, Scores]:
-        if key not in self._scores:
+        found = self._scores.get(key)
+        if found is None:
             fit = self.fit(key)
             screened = screen(self.view, fit.spec, fit.x)
-            self._scores[key] = (
-                self._scored(fit, screened),
-                self._scored(fit, screened, self.weights_of_tolerances),
-            )
-        return self._scores[key]
+            found = self._scored(fit, screened), self._scored(fit, screened, self.weights_of_tolerances)
+            while len(self._scores) >= SCORED:
+                self._scores.pop(next(iter(self._scores)), None)
+            self._scores[key] = found
+        return found
 
     def scores_at(self, fit: Fit, groups: Sequence[str]) -> Scores:
         """Return the expected gains of the candidates of some groups over a model.

@@ -81,9 +81,11 @@ class Linearisation:
             sum(one.count for one in parts),
         )
 
-    @functools.cached_property
     def _stacked(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Return the factors of each channel with the blocks along the first axis; zeros where one has no reading."""
+        """Return the factors of each channel with the blocks along the first axis; zeros where one has no reading.
+
+        They are not kept: of a hundred models they would be gigabytes.
+        """
         size, found = self.x.size, {}
         for name in self.names:
             parts = [block.get(name) for block in self.blocks.values()]
@@ -102,10 +104,11 @@ class Linearisation:
             shares: (resamplings, blocks) how often each block counts.
         """
         total: list[np.ndarray] = []
+        stacked = self._stacked()
         for number in range(3):
             parts = [
                 likelihood.channels[name].root ** 2 * np.tensordot(shares, arrays[number], axes=1)
-                for name, arrays in self._stacked.items()
+                for name, arrays in stacked.items()
             ]
             total.append(np.sum(parts, axis=0))
         return [Gram(square, aim, float(power), 0) for square, aim, power in zip(*total, strict=True)]
