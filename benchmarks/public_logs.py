@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.base.units import split_unit
-from jaxmodel.diagnosis.wording import VERDICT_TITLES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -161,7 +160,7 @@ def _quoted(word: str) -> str:
 def _outcome(result: Mapping[str, Any]) -> str:
     if "verdict" not in result:
         return f"stops: {result['said']}"
-    words, effects = result.get("title") or VERDICT_TITLES[result["verdict"]], _names(result["effects"])
+    words, effects = result["title"], _names(result["effects"])
     if effects:
         words += f": {effects}" if result["verdict"] in ("missing_effect", "sensor_fault") else f"; named: {effects}"
     return words + (f"; corrected: {_names(result['curves'])}" if result["curves"] else "")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +144,7 @@ def _read(
     headers = of_siblings(readings, options)
     for path in readings:
         tell(f"reading {path.name}")
-        stated = listed[path.name].inputs if path.name in listed else {}
+        stated = _stated(path, listed)
         try:
             names, sibling = headers.get(path, ((), path))
             logs += load(path, kind, options, ask, stated, names)
@@ -156,8 +156,7 @@ def _read(
                 raise
             found.append(Finding("file left out", file_label(path), f"{error} It is left out.", "warning"))
     for path, beside in by_most(logs).items():
-        stated = listed[path.name].inputs if path.name in listed else {}
-        again = load(path, kind, options, ask, stated, beside=beside)
+        again = load(path, kind, options, ask, _stated(path, listed), beside=beside)
         first = next(place for place, log in enumerate(logs) if log.source == path)
         logs = [log for log in logs if log.source != path]
         logs[first:first] = again
@@ -170,6 +169,11 @@ def _read(
         if column and (column not in header or not (stated or target in MARKS)):
             raise MeasurementError(unmatched(target, column, header))
     return logs, listed, found
+
+
+def _stated(path: Path, listed: Mapping[str, Listed]) -> Mapping[str, float]:
+    """Return the inputs that a list of files states of one of them."""
+    return listed[path.name].inputs if path.name in listed else {}
 
 
 def _inputs_of(kind: Kind) -> tuple[str, ...]:

@@ -2,10 +2,7 @@
 
 A fit simulates a case thousands of times, and rows that are seconds apart tell it little more than the first of them.
 
-Where the inputs are steady (a rest, a constant current, a motor at one voltage) a step takes several rows, the more the
-longer the inputs have been steady, and ends in a reading, so that no part of a run goes unread: the last minutes of a
-discharge may hold half of the error. Where a channel moves by more than a small share of its range such a step is
-several, of which the last is read: more readings there would count for more than they do in the error of the run.
+Where the inputs are steady a step takes several rows, and ends in a reading (`steady`).
 
 Where the inputs change from row to row (a drive cycle), all rows are kept if there are few. Of many, windows are kept:
 half of them spread evenly, the others where the inputs change most (pulses). Between windows an input u with mean m and
@@ -25,6 +22,7 @@ import numpy as np
 
 from jaxmodel.case.measurements import Measured
 from jaxmodel.case.records import Case, Run
+from jaxmodel.fit.preparation.steady import Steps, Stretch, finest, stretches
 from jaxmodel.fit.settings import Settings
 
 # Rows of a window.
@@ -33,62 +31,7 @@ WINDOW = 100
 _IN_WINDOWS = 0.7
 # Length of a block as a share of the time to what follows.
 _SHRINKS = 0.25
-# Rows from which inputs that do not change are steady.
-_STEADY_ROWS = 20
-# An input changes where it differs from the row before by this share of its range, beside the most that is noise: so
-# many sd, of at most a share of its range.
-_CHANGE, _OF_NOISE, _MOST_NOISE = 0.02, 5.0, 0.01
-# Steps of steady inputs: the share of its range by which a channel may move in one; the length as a share of the time
-# for which the inputs have been steady, and of the run. Times a factor, the least that gives few enough steps; beyond 5
-# a step is no longer a small part of what it follows. Runs keep readings as they have rows: each counts in an error.
-_MOVES, _GROWS, _LONGEST = 0.005, 0.1, 1.0 / 500.0
-_FACTORS = 1.3 ** np.arange(-16, 7)
 _ABOUT = 1.1  # of the steps asked for: as near as is sought
-# Share of its range over which an input may vary within a step, beyond its noise: a ramp is not steady.
-_HELD = 0.002
-# Share of its range by which the input of a reading may differ from that of the step that ends in it.
-_ALIKE = 0.001
-
-
-@dataclasses.dataclass(frozen=True)
-class Signal:
-    """A load or a channel of a run.
-
-    Attributes:
-        values: (rows,) without gaps.
-        span: largest minus smallest value.
-        read: (rows,) True where it was read.
-        held: share of its span over which it may vary within a step, beyond its noise.
-    """
-
-    values: np.ndarray
-    span: float
-    read: np.ndarray
-    held: float = 0.0
-
-    def noise(self, first: int, last: int) -> float:
-        """Return the sd from reading to reading within some rows."""
-        rows = slice(first, last + 1)
-        differences = np.diff(self.values[rows][self.read[rows]], 2)
-        return float(np.median(np.abs(differences))) / (0.6745 * np.sqrt(6.0)) if differences.size else 0.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Steps:
-    """Steps in steady stretches.
-
-    Attributes:
-        read: last rows of steps that end in a reading.
-        silent: of the others.
-    """
-
-    read: np.ndarray
-    silent: np.ndarray
-
-    @property
-    def count(self) -> int:
-        """Return how many steps there are."""
-        return self.read.size + self.silent.size
 
 
 def thinned(case: Case, settings: Settings) -> Case:
@@ -124,12 +67,12 @@ def thinned_rows(measured: Measured, most: int) -> Measured:
 
 
 def _thinned_rows(measured: Measured, most: int) -> Measured:
-    stretches = _steady(measured)
-    restless = _restless(measured.time_s.size, stretches)
+    found = stretches(measured)
+    restless = _restless(measured.time_s.size, found)
     row_s = np.diff(measured.time_s, prepend=measured.time_s[0])
     # All restless rows where the steady ones keep half of the steps, or their share of the time.
     share = float(row_s[~restless].sum() / row_s.sum())
-    steps = _steady_steps(measured, stretches, max(most - int(restless.sum()), int(min(0.5, share) * most)))
+    steps = finest(measured, found, max(most - int(restless.sum()), int(min(0.5, share) * most)))
     if steps is None:  # too many stretches for steps of their own
         restless, steps = np.ones(restless.size, dtype=bool), Steps(np.zeros(0, dtype=int), np.zeros(0, dtype=int))
     left = most - steps.count
@@ -139,113 +82,12 @@ def _thinned_rows(measured: Measured, most: int) -> Measured:
     return _joined(_parts(measured, read, restless & ~read, steps, left))
 
 
-def _restless(rows: int, stretches: Sequence[tuple[int, int]]) -> np.ndarray:
+def _restless(rows: int, found: Sequence[Stretch]) -> np.ndarray:
     """Return True for rows (rows,) outside all stretches."""
-    found = np.ones(rows, dtype=bool)
-    for first, last in stretches:
-        found[first : last + 1] = False
-    return found
-
-
-def _signal(values: np.ndarray, held: float = 0.0) -> Signal:
-    """Return a load or channel, without gaps."""
-    read = np.isfinite(values)
-    if not read.any():
-        return Signal(np.zeros(values.size), 0.0, read, held)
-    filled = values[np.maximum.accumulate(np.where(read, np.arange(values.size), np.argmax(read)))]
-    return Signal(filled, float(np.ptp(filled)), read, held)
-
-
-def _loads(measured: Measured) -> dict[str, Signal]:
-    """Return the inputs but for temperatures, which act slowly, and where they change hardly count.
-
-    What a controller follows counts by how far it is from what is reached: it must not vary at all.
-    """
-    loads = {name: values for name, values in measured.inputs.items() if not name.endswith("degC")}
-    found = {name: _signal(values, 0.0 if name.startswith("reference_") else _HELD) for name, values in loads.items()}
-    # A current that is the same all along varies by its noise alone.
-    return {
-        name: dataclasses.replace(one, span=max(one.span, float(np.abs(one.values).max())))
-        for name, one in found.items()
-    }
-
-
-def _steady(measured: Measured) -> list[tuple[int, int]]:
-    """Return the first and last row of each stretch in which no load changes from row to row."""
-    changes = np.zeros(measured.time_s.size, dtype=bool)
-    changes[:2] = True
-    for load in _loads(measured).values():
-        least = _CHANGE + _OF_NOISE * _MOST_NOISE if load.held else 0.0
-        changes[1:] |= np.abs(np.diff(load.values)) > least * load.span
-    begins = np.flatnonzero(changes)
-    ends = np.append(begins[1:], changes.size)
-    long = ends - begins >= _STEADY_ROWS
-    return [(int(first), int(end) - 1) for first, end in zip(begins[long], ends[long], strict=True)]
-
-
-def _steady_steps(measured: Measured, stretches: Sequence[tuple[int, int]], most: int) -> Steps | None:
-    """Return the finest steps in steady stretches of which there are at most so many; None if there are none."""
-    found, low, high = None, 0, _FACTORS.size - 1
-    while stretches and low <= high:
-        middle = (low + high) // 2
-        steps = _steps(measured, stretches, float(_FACTORS[middle]), most)
-        if steps is not None and steps.count <= most:
-            found, high = steps, middle - 1
-        else:
-            low = middle + 1
-    return found
-
-
-def _steps(measured: Measured, stretches: Sequence[tuple[int, int]], factor: float, most: int) -> Steps | None:
-    """Return the steps in steady stretches; None if they are too many.
-
-    Args:
-        measured: the run.
-        stretches: their first and last rows.
-        factor: on the length of steps, and on what may move within one.
-        most: number of steps.
-    """
-    time_s, loads = measured.time_s, list(_loads(measured).values())
-    channels = [_signal(values) for values in measured.outputs.values()]
-    readings = np.sum([np.isfinite(values) for values in measured.outputs.values()], axis=0)
-    longest_s = factor * _LONGEST * float(time_s[-1] - time_s[0])
-    read: list[int] = []
-    silent: list[int] = []
-    for begin, end in stretches:
-        first = begin - 1
-        # By how much each may move within a step, beyond its noise.
-        ends_at = [(x.values, factor * _MOVES * x.span + _OF_NOISE * x.noise(begin, end)) for x in channels]
-        spans = [
-            (x.values, x.held * x.span + 2.0 * _OF_NOISE * min(x.noise(begin, end), _MOST_NOISE * x.span))
-            for x in loads
-        ]
-        while first < end:
-            if len(read) + len(silent) >= most:
-                return None
-            length_s = min(longest_s, factor * _GROWS * float(time_s[first] - time_s[begin - 1]))
-            until = min(end, max(first + 1, int(np.searchsorted(time_s, time_s[first] + length_s, side="right")) - 1))
-            if until > first + 1:  # the last of the rows in which most channels are read
-                until -= int(np.argmax(readings[first + 1 : until + 1][::-1]))
-            while first < until:
-                last = until
-                while last > first + 1 and (
-                    any(abs(values[last] - values[first]) > most_off for values, most_off in ends_at)
-                    or any(np.ptp(values[first + 1 : last + 1]) > most_off for values, most_off in spans)
-                ):
-                    last = first + (last - first) // 2
-                if last < until:
-                    silent.append(last)
-                elif last > first + 1 and not all(_is_mean(load, time_s, first, last) for load in loads):
-                    silent.append(last - 1)  # the reading has a step of its own
-                first = last
-            read.append(until)
-    return Steps(np.array(read, dtype=int), np.array(silent, dtype=int))
-
-
-def _is_mean(load: Signal, time_s: np.ndarray, first: int, last: int) -> bool:
-    """Return whether a load at a row is its mean over the rows (first, last]."""
-    mean = np.average(load.values[first + 1 : last + 1], weights=np.diff(time_s[first : last + 1]))
-    return bool(abs(load.values[last] - mean) <= _ALIKE * load.span)
+    restless = np.ones(rows, dtype=bool)
+    for stretch in found:
+        restless[stretch.first : stretch.last + 1] = False
+    return restless
 
 
 def _sums(values: np.ndarray, before: np.ndarray, ends: np.ndarray) -> np.ndarray:
