@@ -11,13 +11,14 @@ from jaxmodel.model.declaration import ParameterInfo
 
 # Share of its spread over which a value approaches its ceiling.
 _BEND = 0.25
-# A value at or beyond its reach gets the coordinate of this share of the reach.
+# A value at or beyond a reach gets the coordinate of this share of the reach.
 _ALL_BUT_ONE = 1.0 - 1e-12
+# A number may be stated at the end of what is possible. At the upper end its centre is so many sd below it, as slopes
+# are taken upwards; below a lower end the reach is this, in sd.
+_INSIDE, _LEAST_REACH = 1e-3, 1e-9
 # Largest distance from the stated value, in sd (assumed), for parameters of one run, and of all runs: a data sheet may
 # state too small an sd.
 REACH_OF_A_RUN, REACH_OF_ALL = 5.0, 10.0
-# What is possible ends near a usual range if it ends within so many of its sd. Assumed.
-_NEAR_SD = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,8 +29,10 @@ class Coordinate:
     ends are at one sd). Values approach a ceiling, or a floor, smoothly within a quarter of the spread: a state of
     charge beyond the last point of its table has no effect, and this edge would disturb a fit.
 
-    A stated parameter has a reach r: x stands for r tanh(x / r) sd, which is close to x up to 2 sd. Without it, a poor
-    model would move its parameters far away to compensate, because many readings outweigh a normal prior.
+    On either side values have a reach r: beyond half of it x stands for r/2 (1 + tanh(2 x / r - 1)) sd.
+    No number leaves what its table allows, so that every model that is fitted can be written. A stated number does not
+    go further than some sd either: a poor model would move it far away to compensate, because many readings outweigh
+    a normal prior.
     """
 
     name: str
@@ -40,7 +43,8 @@ class Coordinate:
     sign: float = 1.0
     ceiling: float = math.inf
     is_floor: bool = False
-    reach: float = math.inf
+    above: float = math.inf
+    below: float = math.inf
 
     @property
     def bend(self) -> float:
@@ -49,42 +53,46 @@ class Coordinate:
 
     def off(self, x: float) -> float:
         """Return the distance from the centre at the coordinate x, in sd."""
-        return x if self.reach == math.inf else self.reach * math.tanh(x / self.reach)
+        reach = self._reach(x)
+        return math.copysign(_bent(abs(x), reach), x)
 
     def number(self, x: float) -> float:
         """Return the number at the coordinate x."""
-        x = self.off(x)
-        if self.logarithmic:
-            return self.origin + self.sign * float(np.exp(self.centre + self.spread * x))
-        straight = self.centre + self.spread * x
-        if self.ceiling == math.inf:
-            return straight
-        return self.ceiling - self.bend * float(np.logaddexp(0.0, (self.ceiling - straight) / self.bend))
+        straight = self.centre + self.spread * self.off(x)
+        if self.ceiling != math.inf:
+            straight = self.ceiling - self.bend * float(np.logaddexp(0.0, (self.ceiling - straight) / self.bend))
+        return self.origin + self.sign * float(np.exp(straight)) if self.logarithmic else straight
 
     def at(self, number: float) -> float:
         """Return the coordinate of a value; beyond its reach, that of the end of the reach."""
-        if self.logarithmic:
-            return self._at_off((math.log((number - self.origin) / self.sign) - self.centre) / self.spread)
+        straight = math.log((number - self.origin) / self.sign) if self.logarithmic else number
         if self.ceiling != math.inf:
-            below = max((self.ceiling - number) / self.bend, 1e-3)
-            number = self.ceiling - self.bend * (below + math.log(-math.expm1(-below)))
-        return self._at_off((number - self.centre) / self.spread)
-
-    def _at_off(self, off: float) -> float:
-        if self.reach == math.inf:
+            under = max((self.ceiling - straight) / self.bend, 1e-3)
+            straight = self.ceiling - self.bend * (under + math.log(-math.expm1(-under)))
+        off = (straight - self.centre) / self.spread
+        half = 0.5 * self._reach(off)
+        if abs(off) <= half:
             return off
-        return self.reach * math.atanh(min(max(off / self.reach, -_ALL_BUT_ONE), _ALL_BUT_ONE))
+        return math.copysign(half * (1.0 + math.atanh(min(abs(off) / half - 1.0, _ALL_BUT_ONE))), off)
 
     def slope(self, x: float) -> float:
         """Return d(value)/dx, to convert a standard deviation."""
-        off = self.off(x)
-        bent = 1.0 if self.reach == math.inf else 1.0 - (off / self.reach) ** 2
-        if self.logarithmic:
-            return bent * abs(self.spread * float(np.exp(self.centre + self.spread * off)))
+        off, half = self.off(x), 0.5 * self._reach(x)
+        straight = self.centre + self.spread * off
+        slope = self.spread * (1.0 if abs(x) <= half else 1.0 - (abs(off) / half - 1.0) ** 2)
         if self.ceiling != math.inf:
-            away = (self.ceiling - self.centre - self.spread * off) / self.bend
-            return bent * self.spread / (1.0 + float(np.exp(-away)))
-        return bent * self.spread
+            slope /= 1.0 + float(np.exp(-(self.ceiling - straight) / self.bend))
+        return slope * float(np.exp(self.centre + self.spread * off)) if self.logarithmic else slope
+
+    def _reach(self, x: float) -> float:
+        """Return the reach on the side of the centre where x is."""
+        return self.above if x > 0.0 else self.below
+
+
+def _bent(size: float, reach: float) -> float:
+    """Return a distance from the centre that approaches its reach."""
+    half = 0.5 * reach
+    return size if size <= half else half * (1.0 + math.tanh(size / half - 1.0))
 
 
 def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo, run: int = -1) -> Coordinate:
@@ -99,25 +107,23 @@ def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo, ru
     """
     reach = REACH_OF_ALL if run < 0 else REACH_OF_A_RUN
     if info.transform == "log" and value > 0.0:
-        return Coordinate(name, math.log(value), sd / value, logarithmic=True, reach=reach)
-    return Coordinate(name, value, sd, reach=reach)
+        return _possible(Coordinate(name, math.log(value), sd / value, logarithmic=True), info, reach)
+    return _possible(Coordinate(name, value, sd), info, reach)
 
 
 def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float] | None = None) -> Coordinate:
     """Return the coordinate of an effect's parameter, from its usual range or that of the specimen.
 
     It is logarithmic in the distance from the null if the range is on one side of the null, so that the sign is kept;
-    otherwise it is linear. It stays within what is possible where that ends near the usual range, on either side alike.
+    otherwise it is linear.
     """
     assert info.typical is not None, f"{name} declares no usual range"
     low, high = usual or info.typical
     origin = info.null if info.null is not None and math.isfinite(info.null) else 0.0
     near, far = sorted((abs(low - origin), abs(high - origin)))
     if (low - origin) * (high - origin) <= 0.0:
-        sd, possible = max(abs(low), abs(high)), info.upper - origin
-        near = possible == origin - info.lower and possible < _NEAR_SD * sd
-        return Coordinate(name, origin, sd, reach=possible / sd if near else math.inf)
-    return Coordinate(
+        return _possible(Coordinate(name, origin, max(abs(low), abs(high))), info)
+    coordinate = Coordinate(
         name,
         centre=0.5 * (math.log(near) + math.log(far)),
         spread=0.5 * (math.log(far) - math.log(near)),
@@ -125,3 +131,21 @@ def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float]
         origin=origin,
         sign=math.copysign(1.0, high - origin),
     )
+    return _possible(coordinate, info)
+
+
+def _possible(coordinate: Coordinate, info: ParameterInfo, reach: float = math.inf) -> Coordinate:
+    """Return a coordinate within what is possible, and within a reach in sd.
+
+    Args:
+        coordinate: without a reach.
+        info: row of its table, with the bounds.
+        reach: on either side.
+    """
+    ends = sorted((info.lower, info.upper), key=lambda end: coordinate.sign * end)
+    if coordinate.logarithmic:
+        distances = [coordinate.sign * (end - coordinate.origin) for end in ends]
+        ends = [math.log(one) if 0.0 < one < math.inf else math.copysign(math.inf, one - 1.0) for one in distances]
+    coordinate = dataclasses.replace(coordinate, centre=min(coordinate.centre, ends[1] - _INSIDE * coordinate.spread))
+    below, above = (_ALL_BUT_ONE * abs(end - coordinate.centre) / coordinate.spread for end in ends)
+    return dataclasses.replace(coordinate, above=min(reach, above), below=max(min(reach, below), _LEAST_REACH))

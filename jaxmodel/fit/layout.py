@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import jax
@@ -15,7 +16,7 @@ from jaxmodel.case.records import Case, Run
 from jaxmodel.case.specimens import difference_label, own_parameters, runs_of
 from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.fit.candidates import Candidate
-from jaxmodel.fit.coordinates import Coordinate, known_coordinate
+from jaxmodel.fit.coordinates import REACH_OF_A_RUN, Coordinate, known_coordinate
 from jaxmodel.model.declaration import ParameterInfo, describe
 from jaxmodel.model.parameters import info
 
@@ -173,6 +174,7 @@ def _within(coordinate: Coordinate, known: Known, soc: np.ndarray) -> Coordinate
     """Return the coordinate of an initial state of charge, which stays within those of a table (soc,)."""
     assert known.sd is not None
     top, bottom = max(float(soc[-1]), known.value), min(float(soc[0]), known.value)
+    coordinate = dataclasses.replace(coordinate, ceiling=math.inf, above=REACH_OF_A_RUN, below=REACH_OF_A_RUN)
     if known.value + 4.0 * known.sd > top:
         return dataclasses.replace(coordinate, ceiling=top)
     if known.value - 4.0 * known.sd < bottom:

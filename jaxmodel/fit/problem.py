@@ -60,22 +60,24 @@ class Unknowns(eqx.Module):
     sign: Array
     ceiling: Array
     bend: Array
-    reach: Array
+    above: Array
+    below: Array
     mixes: tuple[Array, ...]
 
     def numbers(self, x: Array | np.ndarray) -> Any:
         """Return the numbers at the coordinates x, both of shape (..., unknowns); on the host if x is."""
         xp: Any = np if isinstance(x, np.ndarray) else jnp
-        fields = ("reach", "centre", "spread", "ceiling", "bend", "origin", "sign", "logarithmic")
-        reach, centre, spread, ceiling, bend, origin, sign, logarithmic = (
+        fields = ("above", "below", "centre", "spread", "ceiling", "bend", "origin", "sign", "logarithmic")
+        above, below, centre, spread, ceiling, bend, origin, sign, logarithmic = (
             xp.asarray(getattr(self, name)) for name in fields
         )
         with np.errstate(all="ignore"):  # of what is not chosen
-            bounded = xp.isfinite(reach)
-            off = xp.where(bounded, reach * xp.tanh(x / xp.where(bounded, reach, 1.0)), x)
+            half = 0.5 * xp.where(x > 0.0, above, below)
+            bent = xp.sign(x) * half * (1.0 + xp.tanh(xp.abs(x) / half - 1.0))
+            off = xp.where(xp.abs(x) > half, bent, x)
             straight = centre + spread * off
-            below = ceiling - bend * xp.logaddexp(0.0, (ceiling - straight) / bend)
-            straight = xp.where(xp.isfinite(ceiling), below, straight)
+            bent = ceiling - bend * xp.logaddexp(0.0, (ceiling - straight) / bend)
+            straight = xp.where(xp.isfinite(ceiling), bent, straight)
             curved = origin + sign * xp.exp(xp.where(logarithmic, straight, 0.0))
             return xp.where(logarithmic, curved, straight)
 
@@ -343,7 +345,7 @@ def make_problem(
     fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])
     parts = {
         field: jax.device_put(np.array([getattr(coordinate, field) for coordinate in layout.coordinates]))
-        for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend", "reach")
+        for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend", "above", "below")
     }
     return Problem(
         models=_stacked([with_effects(model, effects) for model in bare]),

@@ -34,6 +34,8 @@ from jaxmodel.case.signals import (
 LEAST_ROWS, LEAST_SHARE = 30, 0.05
 # Factor by which it must be longer, in rows and in time, than any other under load.
 LONGER = 8.0
+# Chance that a stretch is so long by itself, from which it is suspicious where noise is visible. Assumed.
+BY_CHANCE = 1e-6
 # Share of the stretch, in time or in rows, in which the hardware must be loaded.
 WHILE_LOADED = 0.1
 # Share of a sensor's changes that reverse at once while no input steps, from which its noise is visible: a constant
@@ -83,12 +85,25 @@ class _Behaviour:
         seconds: of its longest.
         shows_noise: whether its noise is visible, and always reaches the rounding step.
         readings: number of readings.
+        stretches: number of stretches of one reading.
     """
 
     rows: float
     seconds: float
     shows_noise: bool
     readings: int
+    stretches: int
+
+    @property
+    def longer(self) -> float:
+        """Return the factor by which a suspicious stretch is longer than the longest of m stretches elsewhere.
+
+        Noise ends a stretch in each row with some chance, so that lengths have an exponential tail: one that is r times
+        as long as the longest of m has a chance of m^(1 - r).
+        """
+        if not self.shows_noise or self.stretches < 2:
+            return LONGER
+        return min(LONGER, 1.0 - float(np.log(BY_CHANCE) / np.log(self.stretches)))
 
 
 def without_stuck(case: Case) -> tuple[Case, tuple[Remark, ...]]:
@@ -163,8 +178,8 @@ def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> li
     return [
         (run.name, one)
         for run, one in suspects
-        if one.rows > LONGER * behaviour.rows
-        and one.seconds > LONGER * behaviour.seconds
+        if one.rows > behaviour.longer * behaviour.rows
+        and one.seconds > behaviour.longer * behaviour.seconds
         and (behaviour.shows_noise or _ends_abruptly(run, channel, one) or _trend_ends(run, channel, one))
     ]
 
@@ -249,7 +264,7 @@ def _behaviour(
     runs: list[Run], channel: str, suspects: Mapping[str, list[Stretch]], within: float, largest: dict[str, float]
 ) -> _Behaviour:
     """Return the behaviour of a channel under load, without suspicious stretches."""
-    rows, seconds, back, pairs, moves, readings = 0.0, 0.0, 0, 0, 0, 0
+    rows, seconds, back, pairs, moves, readings, found = 0.0, 0.0, 0, 0, 0, 0, 0
     for run in runs:
         values, on, quiet = run.measured.outputs[channel], loaded(run, largest), calm(run)
         mine = np.isfinite(values)
@@ -258,6 +273,7 @@ def _behaviour(
         there, first, last = _bounds(values, within)
         spent = _while_loaded(run, largest, there[first], there[last])
         counted = mine[there[first]] & (spent >= WHILE_LOADED)
+        found += int(counted.sum())
         rows = max(rows, float((last - first + 1)[counted].max(initial=0)))
         seconds = max(
             seconds,
@@ -273,7 +289,7 @@ def _behaviour(
         pairs += int(counted.sum())
         back += int(np.sum((step[beside] * step[before] < 0.0) & counted))
     shows_noise = pairs >= LEAST_ROWS and back > GOES_BACK * pairs and moves > MOVES * readings
-    return _Behaviour(rows, seconds, shows_noise, readings)
+    return _Behaviour(rows, seconds, shows_noise, readings, found)
 
 
 def _ends_abruptly(run: Run, channel: str, stretch: Stretch) -> bool:

@@ -125,6 +125,20 @@ def test_a_sensor_of_which_noise_is_seen_in_no_run_but_its_own_is_stuck_where_a_
     assert remark.numbers["from_s"] == pytest.approx(1400.0, abs=2.0 * STEP_S)
 
 
+@pytest.mark.parametrize(("times", "is_stuck"), [(2.0, False), (5.0, True)])
+def test_a_settled_sensor_whose_noise_repeats_readings_is_stuck_if_no_chance_makes_it(
+    times: float, is_stuck: bool
+) -> None:
+    """As in a discharge at 1C, logged every 10 s: 185 equal readings, where noise repeats one up to 34 times."""
+    others = [cell(number, 0.03, 0.1, np.full(ROWS, 2.0)) for number in (1, 2)]
+    longest = max(one.rows for run in others for one in stretches(run, "cell_temperature_degC"))
+    third = cell(3, 0.03, 0.1, np.full(ROWS, 2.0))
+    last = next(one for one in stretches(third, "cell_temperature_degC") if one.first > 800 and one.rows > 2)
+    hung = hanging(third, last.first, last.first + int(times * longest))
+    remarks = without_stuck(case_of("cell", {}, [*others, hung]))[1]
+    assert [one.subject for one in remarks] == (["cell_temperature_degC@run-03"] if is_stuck else [])
+
+
 def test_a_motor_that_stands_still_and_a_chamber_that_is_constant_are_not_stuck() -> None:
     rng = np.random.default_rng(4)
     runs = []
