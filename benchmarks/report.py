@@ -19,6 +19,14 @@ _PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "diffrax")
 _COLOURS = {"cell": "tab:blue", "robot": "tab:orange"}
 
 
+def _version(package: str) -> str:
+    """Return the version of a package; peers are not always installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
 def machine() -> dict[str, Any]:
     """Return what the figures depend on: processor, cores, compiler, versions."""
     info = Path("/proc/cpuinfo")
@@ -35,7 +43,7 @@ def machine() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "compiler": compiler,
-        "packages": {name: importlib.metadata.version(name) for name in _PACKAGES},
+        "packages": {name: _version(name) for name in _PACKAGES},
     }
 
 

@@ -40,7 +40,7 @@ GIVEN_UP = 1.1
 # A channel with at least so many readings for each independent one, and errors of so many sd of its noise, may be
 # calibrated from the weights of noise, where those would leave at most this share of what is above it: half the error.
 # Assumed.
-SLOW, QUIET, LEFT = 10.0, 1.15, 0.25
+SLOW, QUIET, LEFT = 10.0, 1.15, 0.5
 # Models whose scores are kept: they hold the derivatives of all readings by all candidates.
 SCORED = 4
 # Random points from which the first fit may start, where the stated model stands still. Assumed.
@@ -291,7 +291,8 @@ class FitCache:
 
         A knee of the open-circuit voltage has several places where it fits, and curves take up what a charge is off.
         A channel that is given up counts for little in the evidence: a start that misses one by more than its tolerance
-        and more than a simpler model does has not found the place.
+        and more than a simpler model does has not found the place. If all do, another channel that comes near its noise
+        outweighs it: then the weights of the simpler model stay, from the first start.
         """
         earlier = simpler.mean_squares(self.view)
 
@@ -302,6 +303,9 @@ class FitCache:
             )
 
         fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
+        if all(map(gives_up, fits)):
+            (spec, x, _), weights = starts[0], simpler.likelihood
+            fits.append(calibrate(self.view, spec, x, self.tolerances, weights, held=weights.channels))
         fits = [one for one in fits if not gives_up(one)] or fits
         return functools.reduce(_better, fits)
 
