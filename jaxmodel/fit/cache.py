@@ -290,15 +290,18 @@ class FitCache:
         """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
 
         A knee of the open-circuit voltage has several places where it fits, and curves take up what a charge is off.
-        A channel that is given up counts for little in the evidence: a start that misses one by more than its tolerance
-        and more than a simpler model does has not found the place. If all do, another channel that comes near its noise
+        A channel that is given up counts for little in the evidence: a start that misses one by more than a simpler model
+        does, and by what is material beside its noise, has not found the place. If all do, another channel that comes near its noise
         outweighs it: then the weights of the simpler model stay, from the first start.
         """
-        earlier = simpler.mean_squares(self.view)
+        earlier, noise = simpler.mean_squares(self.view), self.view.data.noise
+        least = {
+            name: noise[name] ** 2 + (self.settings.material_share * self.tolerances[name]) ** 2 for name in earlier
+        }
 
         def gives_up(fit: Fit) -> bool:
             return any(
-                square > max(GIVEN_UP * earlier[name], self.tolerances[name] ** 2)
+                square > max(GIVEN_UP * earlier[name], least[name])
                 for name, square in fit.mean_squares(self.view).items()
             )
 
