@@ -570,7 +570,7 @@ class HeatDetails(Effect):
     name: ClassVar[str] = "heat_details"
     kinds: ClassVar[tuple[str, ...]] = CELL
     is_candidate: ClassVar[bool] = False
-    equation: ClassVar[str] = "heat += i (s V_TS + l V_TL); hA -> hA exp(c (T - T_amb)/10)"
+    equation: ClassVar[str] = "heat += i (max(s, -1) V_TS + max(l, -1) V_TL); hA -> hA exp(c (T - T_amb)/10)"
     s: Scalar = parameter(
         0.0, unit="", meaning="share of the short RC pair's loss that is heat in addition", null=0.0, lower=-2.0,
         upper=2.0, typical=(-0.5, 0.5),
@@ -590,8 +590,9 @@ class HeatDetails(Effect):
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the shares."""
-        state = context.state
-        return value + context.current_A * (self.s * state["v_ts_V"] + self.l * state["v_tl_V"])
+        state, least = context.state, -1.0  # below it a pair would cool the cell
+        short, long = jnp.maximum(self.s, least) * state["v_ts_V"], jnp.maximum(self.l, least) * state["v_tl_V"]
+        return value + context.current_A * (short + long)
 
     def heat_transfer(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the heat transfer."""

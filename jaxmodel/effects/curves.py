@@ -306,7 +306,10 @@ class Convection(Curve):
 
 
 class _HeatShare(Curve):
-    """A share of what an RC pair loses that becomes heat in addition; -1 would leave the cell with none of it."""
+    """A share of what an RC pair loses that becomes heat in addition; at -1 and below none of it is left.
+
+    A pair that cooled the cell as it loses energy would let it run away to the absolute zero.
+    """
 
     kinds: ClassVar[tuple[str, ...]] = CELL
     port: ClassVar[str] = "cell_heat"
@@ -316,27 +319,31 @@ class _HeatShare(Curve):
     usual_knots: ClassVar[tuple[float, ...]] = ONE
     needs: ClassVar[tuple[str, ...]] = ("self_heating",)
 
+    @property
+    def _share(self) -> Scalar:
+        return jnp.maximum(self.values[0], -1.0)
+
 
 class ShortHeat(_HeatShare):
     """Share of the short RC pair's loss that becomes heat in addition."""
 
     name: ClassVar[str] = "short_heat"
-    equation: ClassVar[str] = "heat += f i V_TS"
+    equation: ClassVar[str] = "heat += max(f, -1) i V_TS"
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the share."""
-        return value + self.values[0] * context.current_A * context.state["v_ts_V"]
+        return value + self._share * context.current_A * context.state["v_ts_V"]
 
 
 class LongHeat(_HeatShare):
     """Share of the long RC pair's loss that becomes heat in addition."""
 
     name: ClassVar[str] = "long_heat"
-    equation: ClassVar[str] = "heat += f i V_TL"
+    equation: ClassVar[str] = "heat += max(f, -1) i V_TL"
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the share."""
-        return value + self.values[0] * context.current_A * context.state["v_tl_V"]
+        return value + self._share * context.current_A * context.state["v_tl_V"]
 
 
 class FrictionCurve(Curve):

@@ -290,9 +290,9 @@ class FitCache:
         """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
 
         A knee of the open-circuit voltage has several places where it fits, and curves take up what a charge is off.
-        A channel that is given up counts for little in the evidence: a start that misses one by more than a simpler model
-        does, and by what is material beside its noise, has not found the place. If all do, another channel that comes near its noise
-        outweighs it: then the weights of the simpler model stay, from the first start.
+        A channel that is given up counts for little in the evidence: a start that misses one by more than a simpler
+        model does, and by what is material beside its noise, has not found the place. If all do, another channel that
+        comes near its noise outweighs it: then the weights of the simpler model stay, from the first start.
         """
         earlier, noise = simpler.mean_squares(self.view), self.view.data.noise
         least = {

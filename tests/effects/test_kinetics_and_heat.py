@@ -129,6 +129,14 @@ def test_a_table_of_the_entropy_coefficient_is_that_of_the_effect():
         np.testing.assert_allclose(values, expected[column], rtol=1e-12, err_msg=column)
 
 
+def test_a_pair_cools_no_cell():
+    """At -1 its loss is no heat; below that a cell would cool as it loses energy, and run away to the absolute zero."""
+    heating = CATALOGUE["self_heating"]()
+    at_least, below = (of_cell(heating, CATALOGUE["heat_details"](s=share, l=share)) for share in (-1.0, -1.8))
+    for name, values in at_least.items():
+        np.testing.assert_array_equal(below[name], values)
+
+
 @pytest.mark.parametrize("name", ["arrhenius_long_polarisation", "heat_details"])
 def test_what_a_case_may_state_is_not_searched_for(name: str):
     assert not CATALOGUE[name].is_candidate
