@@ -113,15 +113,16 @@ def _raising(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
     own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
     beyond = any(one.check > cache.tolerances[name] for name, one in own.items())
     for label in others:
-        is_law = cache.space.candidates[label].group == "law"
+        group = cache.space.candidates[label].group
+        is_law = group == "law"
         if not beyond and not is_law:
             continue  # within the tolerance no effect is contradicted
         rest = [one for one in model if one != label]
         lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
         channels = worse(cache, lacking, own, beyond=1.0)
-        if channels and not is_law:
+        if channels and not is_law and group not in SHIFTED:
             # Without it a curve may be the same by another name: the activation energy of a resistance. Beside no such
-            # curve, too, it must be contradicted.
+            # curve, too, it must be contradicted. No curve is a shift of one run.
             with_it, without = (rung(cache, "", one, compared=True).errors for one in search.compared(model, label))
             channels = channels if worse(cache, without, with_it, beyond=1.0) else {}
         if channels:
