@@ -102,6 +102,7 @@ CODES: Mapping[str, Code] = {
         ("value", "stated"),
     ),
     "refit_error": Code("RMS that the joint refit leaves of the run of which it is largest", "column@run", ("rms",)),
+    "written_approximately": Code("the written case differs from the fitted model, and in what", "", ()),
     "readings_correlated": Code("one in so many readings counts", "column", ("readings",)),
     "torque_error": Code("RMS that the torque balance leaves", "", ("rms_Nm",)),
     "runs_contradict": Code(

@@ -43,12 +43,14 @@ class Calibrated:
         cache: of its models.
         fit: the model.
         estimates: its numbers by name.
+        notes: sentences on what the case holds in another way than the model.
     """
 
     case: Case
     cache: FitCache
     fit: Fit
     estimates: dict[str, Estimate]
+    notes: tuple[str, ...]
 
 
 def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) -> Calibrated:
@@ -143,7 +145,8 @@ def _with_kinetics(cache: FitCache, before: Fit, label: str, held: Collection[st
 def _baked(cache: FitCache, fit: Fit) -> Calibrated:
     """Return the case with the fitted numbers, its curves and scales in the tables; what is stated as exact stays."""
     estimates, _ = estimates_of(cache, fit)
-    case, _ = fitted_case(cache.case, FittedNumbers(estimates), fit.added, curves_of(cache, fit), between=False)
+    fitted = FittedNumbers(estimates)
+    case, notes = fitted_case(cache.case, fitted, fit.added, curves_of(cache, fit), between=False)
     tables, parameters = dict(case.tables), dict(case.parameters)
     for name, scaled in SCALED.items():
         if name in estimates and all(tables[one].sd is not None for one in scaled if one in tables):
@@ -157,7 +160,7 @@ def _baked(cache: FitCache, fit: Fit) -> Calibrated:
         values = np.clip(tables["dU_dT"].values, -MOST_V_PER_K, MOST_V_PER_K)
         tables["dU_dT"] = dataclasses.replace(tables["dU_dT"], values=values)
     case = dataclasses.replace(case, tables=tables, parameters=parameters)
-    return Calibrated(_as_full_as_stated(case, cache.case), cache, fit, estimates)
+    return Calibrated(_as_full_as_stated(case, cache.case), cache, fit, estimates, (*fitted.notes, *notes))
 
 
 def _as_full_as_stated(case: Case, first: Case) -> Case:

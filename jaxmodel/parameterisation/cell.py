@@ -241,6 +241,7 @@ def _remarks(found: Calibrated, runs: Sequence[Rows], capacity_Ah: float) -> tup
     least = "" if len(left) == 1 else f"{1e3 * min(left.values()):.3g} to "
     sentence = f"The joint refit leaves {least}{1e3 * left[most]:.3g} mV RMS of the voltage, most in {most}."
     said.append(Remark(sentence, "refit_error", f"voltage_V@{most}", rms=left[most]))
+    said += [Remark(note, "written_approximately") for note in found.notes]
     inflation = found.fit.likelihood.channels["voltage_V"].inflation
     sentence = f"One in {inflation:.0f} readings counts: what the model misses is correlated, and the sd allow for it."
     said.append(Remark(sentence, "readings_correlated", "voltage_V", readings=inflation))

@@ -173,6 +173,17 @@ def test_exact_numbers_of_the_case_are_kept_but_for_the_age() -> None:
     assert "age_included" in {one.code for one in found.remarks}
 
 
+def test_what_a_case_can_hold_only_approximately_is_said() -> None:
+    """A correction of the series resistance is of what cycles add to it too; a table holds it for all runs alike."""
+    case = made.raw_cell(made.measured({"new": made.pulses(25.0), "aged": made.drive(25.0)}))
+    aged = [dataclasses.replace(run, overrides={"cycles": Known(150.0 * n)}) for n, run in enumerate(case.runs)]
+    found = parameterise(dataclasses.replace(case, runs=tuple(aged)))
+    said = [one for one in found.remarks if one.code == "written_approximately"]
+    assert len(said) == 1
+    assert "exact for the cycles of the first run" in said[0]
+    assert "written_approximately" not in {one.code for one in parameterise(case).remarks}
+
+
 def test_tables_that_the_case_states_as_exact_are_kept() -> None:
     """A series resistance that is stated a tenth too small is told by its scale; its table and the entropy stay."""
     frames = {"cold": made.pulses(5.0), "warm": made.pulses(25.0)}
