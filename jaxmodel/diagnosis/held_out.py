@@ -23,7 +23,7 @@ from jaxmodel.fit.candidates import SHIFTED
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.gauss_newton import linearised
-from jaxmodel.fit.likelihood import ChannelWeight
+from jaxmodel.fit.likelihood import ChannelWeight, autocorrelation_time
 from jaxmodel.fit.space import View
 
 # Chi-square of a change of predictions from which held-out readings show whether it is true: 2 of 100 that are true do
@@ -190,7 +190,9 @@ def _of_chi_square(
     """
     squares = [sum(float(one @ one) for one in errors) for errors in (with_it, without)]
     left = min(squares) / sum(one.size for one in with_it)
-    spread = max(weight.sd**2, left) * weight.inflation
+    # Errors that last count as few readings: those of fitted runs may be noise where those of held-out runs are not.
+    lasting = max(weight.inflation, autocorrelation_time(with_it if squares[0] < squares[1] else without))
+    spread = max(weight.sd**2, left) * lasting
     moved = sum(float(np.sum((one - other) ** 2)) for one, other in zip(with_it, without, strict=True))
     return (squares[1] - squares[0]) / spread, moved / spread
 
