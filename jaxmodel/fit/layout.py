@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import jax
@@ -174,7 +173,7 @@ def _within(coordinate: Coordinate, known: Known, soc: np.ndarray) -> Coordinate
     """Return the coordinate of an initial state of charge, which stays within those of a table (soc,)."""
     assert known.sd is not None
     top, bottom = max(float(soc[-1]), known.value), min(float(soc[0]), known.value)
-    coordinate = dataclasses.replace(coordinate, ceiling=math.inf, above=REACH_OF_A_RUN, below=REACH_OF_A_RUN)
+    coordinate = dataclasses.replace(coordinate, above=REACH_OF_A_RUN, below=REACH_OF_A_RUN)
     if known.value + 4.0 * known.sd > top:
         return dataclasses.replace(coordinate, ceiling=top)
     if known.value - 4.0 * known.sd < bottom:

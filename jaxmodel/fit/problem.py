@@ -73,8 +73,9 @@ class Unknowns(eqx.Module):
         )
         with np.errstate(all="ignore"):  # of what is not chosen
             half = 0.5 * xp.where(x > 0.0, above, below)
-            bent = xp.sign(x) * half * (1.0 + xp.tanh(xp.abs(x) / half - 1.0))
-            off = xp.where(xp.abs(x) > half, bent, x)
+            bends = xp.abs(x) > half
+            half = xp.where(bends, half, 1.0)  # no infinity in what is not chosen: its derivative would be no number
+            off = xp.where(bends, xp.sign(x) * half * (1.0 + xp.tanh(xp.abs(x) / half - 1.0)), x)
             straight = centre + spread * off
             bent = ceiling - bend * xp.logaddexp(0.0, (ceiling - straight) / bend)
             straight = xp.where(xp.isfinite(ceiling), bent, straight)
