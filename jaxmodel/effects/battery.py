@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.model.cell import GAS_CONSTANT, REFERENCE_DEGC, ZERO_DEGC_IN_K, arrhenius, cycle_resistance
+from jaxmodel.model.cell import GAS_CONSTANT, REFERENCE_DEGC, ZERO_DEGC_IN_K, arrhenius, cycle_resistance, heating
 from jaxmodel.model.declaration import Scalar, parameter
 from jaxmodel.model.flow import Flow, State, integral, relaxation
 from jaxmodel.model.ports import CellContext, Effect
@@ -590,9 +590,8 @@ class HeatDetails(Effect):
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the shares."""
-        state, least = context.state, -1.0  # below it a pair would cool the cell
-        short, long = jnp.maximum(self.s, least) * state["v_ts_V"], jnp.maximum(self.l, least) * state["v_tl_V"]
-        return value + context.current_A * (short + long)
+        state = context.state
+        return value + context.current_A * (heating(self.s) * state["v_ts_V"] + heating(self.l) * state["v_tl_V"])
 
     def heat_transfer(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the heat transfer."""

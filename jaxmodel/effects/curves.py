@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmodel.base.errors import EffectError
-from jaxmodel.model.cell import REFERENCE_DEGC, ZERO_DEGC_IN_K, arrhenius
+from jaxmodel.model.cell import REFERENCE_DEGC, ZERO_DEGC_IN_K, arrhenius, heating
 from jaxmodel.model.curves import between_knots
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.ports import CellContext, Effect, MotorContext
@@ -306,10 +306,7 @@ class Convection(Curve):
 
 
 class _HeatShare(Curve):
-    """A share of what an RC pair loses that becomes heat in addition; at -1 and below none of it is left.
-
-    A pair that cooled the cell as it loses energy would let it run away to the absolute zero.
-    """
+    """A share of what an RC pair loses that becomes heat in addition; at -1 and below none of it is left."""
 
     kinds: ClassVar[tuple[str, ...]] = CELL
     port: ClassVar[str] = "cell_heat"
@@ -318,10 +315,6 @@ class _HeatShare(Curve):
     largest: ClassVar[float] = 0.5
     usual_knots: ClassVar[tuple[float, ...]] = ONE
     needs: ClassVar[tuple[str, ...]] = ("self_heating",)
-
-    @property
-    def _share(self) -> Scalar:
-        return jnp.maximum(self.values[0], -1.0)
 
 
 class ShortHeat(_HeatShare):
@@ -332,7 +325,7 @@ class ShortHeat(_HeatShare):
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the share."""
-        return value + self._share * context.current_A * context.state["v_ts_V"]
+        return value + heating(self.values[0]) * context.current_A * context.state["v_ts_V"]
 
 
 class LongHeat(_HeatShare):
@@ -343,7 +336,7 @@ class LongHeat(_HeatShare):
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the share."""
-        return value + self._share * context.current_A * context.state["v_tl_V"]
+        return value + heating(self.values[0]) * context.current_A * context.state["v_tl_V"]
 
 
 class FrictionCurve(Curve):

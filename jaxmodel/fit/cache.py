@@ -38,8 +38,7 @@ LEAST_BETTER = 0.5
 # Mean square error of a channel, over that of a simpler model, from which a start has given it up. Assumed.
 GIVEN_UP = 1.1
 # A channel with at least so many readings for each independent one, and errors of so many sd of its noise, may be
-# calibrated from the weights of noise, where those would leave at most this share of what is above it: half the error.
-# Assumed.
+# calibrated from the weights of noise, where those would leave at most this share of the mean square above it. Assumed.
 SLOW, QUIET, LEFT = 10.0, 1.15, 0.5
 # Models whose scores are kept: they hold the derivatives of all readings by all candidates.
 SCORED = 4
@@ -306,11 +305,12 @@ class FitCache:
             )
 
         fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
-        if all(map(gives_up, fits)):
+        kept = [one for one in fits if not gives_up(one)]
+        if not kept:
             (spec, x, _), weights = starts[0], simpler.likelihood
-            fits.append(calibrate(self.view, spec, x, self.tolerances, weights, held=weights.channels))
-        fits = [one for one in fits if not gives_up(one)] or fits
-        return functools.reduce(_better, fits)
+            held = calibrate(self.view, spec, x, self.tolerances, weights, held=weights.channels)
+            kept = [*fits, held] if gives_up(held) else [held]
+        return functools.reduce(_better, kept)
 
     def _quieter(self, fit: Fit, stay: Mapping[str, float]) -> tuple[Fit, dict[str, float]]:
         """Return a model calibrated from the weights of its sensors' noise, where that has more evidence.

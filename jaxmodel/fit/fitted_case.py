@@ -19,6 +19,8 @@ from jaxmodel.model.parameters import info
 from jaxmodel.model.ports import Effect
 
 STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
+# Share of a usual size by which a number at the end of what is possible may be beyond it. Assumed.
+_ROUNDED = 1e-8
 # Curves of one number that effects of a case hold.
 DETAILS = ("series_energy", "short_energy", "long_energy", "short_heat", "long_heat", "convection_curve")
 
@@ -129,7 +131,8 @@ class FittedNumbers:
     def bounded(self, name: str, value: float, entry: ParameterInfo) -> float:
         """Return a value within the bounds of its table."""
         bounded = min(max(value, entry.lower), entry.upper)
-        if bounded != value:
+        # A coordinate whose centre is at the end of what is possible comes within a billionth of an sd of it.
+        if abs(bounded - value) > _ROUNDED * max(map(abs, entry.typical or (value,))):
             self.notes.append(f"{name} was fitted as {value:g}, outside its range; it is set to {bounded:g} here.")
         return bounded
 

@@ -35,6 +35,14 @@ def arrhenius(energy: Scalar, celsius: Scalar, reference: float = REFERENCE_DEGC
     return jnp.exp(energy / GAS_CONSTANT * colder)
 
 
+def heating(share: Scalar) -> Scalar:
+    """Return the share of a pair's loss that becomes heat in addition: at -1 and below none of the loss is left.
+
+    A pair that cooled the cell as it loses energy would let it run away to the absolute zero.
+    """
+    return jnp.maximum(share, -1.0)
+
+
 def initial_soc(temperature_difference_K: Scalar) -> Scalar:
     """Return the initial state of charge, eq. 2: 1 - 0.000442 (dT + 0.714932)^2 with dT = T_cell - T_amb in K.
 
